@@ -1,0 +1,296 @@
+"""Stages of the simulation on torch tensors, forward and adjoint.
+
+    heights --spline--> surface maps --trace--> footprint records --splat--> image
+
+The first stage is linear: matrix products for a photon lattice (its adjoint
+then needs no atomics), a 4 x 4 gather otherwise. Photons are handled in chunks
+of bounded memory; the adjoint repeats the forward stages of a chunk instead of
+storing them.
+"""
+
+import contextlib
+import math
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import torch
+import warp as wp
+
+from warp_caustics.height_field import MARGIN, basis_matrix, cell_centres, prefilter_matrix, sample_coordinate
+from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
+from warp_caustics.kernels.splat import splat_kernels
+from warp_caustics.kernels.surface import surface_kernels
+from warp_caustics.kernels.trace import trace_kernels
+from warp_caustics.photons import Chunk, PhotonPlan
+from warp_caustics.scene import Scene
+
+MIN_SIGMA_PX = 0.02
+"""Standard deviation added to every footprint [px]: keeps the image differentiable where a caustic focuses
+a footprint to a point, and is far below what a pixel can show."""
+
+MAX_SIGMA_FRACTION = 1 / 16
+"""Footprints wider than this fraction of the image are shrunk to it, keeping their energy: next to grazing
+exit they grow without bound, and so would the work."""
+
+CHUNK_BYTES = {"cpu": 64 * 2**20, "cuda": 2**30}
+"""Footprint records and maps held at a time."""
+
+
+def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
+    """Standard deviation of the Gaussian footprint on the plate [m], s sqrt(A / (8 pi n_l)).
+
+    The covariance of the biweight kernel 3/pi (1 - r^2)^2 of Frisvad et al. on
+    a disc of radius s sqrt(A / (pi n_l)).
+    """
+    return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
+
+
+class Engine:
+    """Arrays and kernels of one scene, photon plan, device and precision.
+
+    Heights are shape [B, n, n] [m], images [B, n_w, m, m] [W/m^2], both of the
+    engine's dtype on its device and contiguous.
+    """
+
+    def __init__(self, scene: Scene, plan: PhotonPlan, smoothing: float, device: torch.device, dtype: torch.dtype):
+        self.scene, self.plan, self.smoothing = scene, plan, smoothing
+        self.device, self.dtype = device, dtype
+        wp.init()
+        self.warp_device = wp.device_from_torch(device)
+        self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
+        self.surface = surface_kernels(self.warp_dtype)
+        self.tracer = trace_kernels(self.warp_dtype)
+        self.splatter = splat_kernels(self.warp_dtype)
+        indices, exits = scene.glass_indices, scene.exit_indices
+        self.eta = self._tensor([1 / n for n in indices])
+        self.ratio = self._tensor([n / e for n, e in zip(indices, exits, strict=True)])
+        self.radiosity = self._tensor(list(scene.radiosity_W_m2))
+        self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
+        self.optics = self._optics()
+
+    def _tensor(self, values: Any) -> torch.Tensor:
+        return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
+
+    def _optics(self) -> Any:
+        scene, optics = self.scene, self.tracer.Optics()
+        width, length = scene.plate_size_m
+        pixel_x, pixel_y = scene.pixel_size_m
+        optics.base = scene.base_thickness_m
+        optics.gap = -scene.screen_position_m[2]
+        optics.window_x = scene.screen_position_m[0] - width / 2
+        optics.window_y = scene.screen_position_m[1] - length / 2
+        optics.pixels_per_m_x, optics.pixels_per_m_y = 1 / pixel_x, 1 / pixel_y
+        optics.image_pixels = scene.image_pixels
+        optics.sigma0 = footprint_sigma_m(scene, self.smoothing, self.plan.count)
+        optics.min_var = MIN_SIGMA_PX**2
+        optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
+        optics.area = scene.plate_area_m2 / self.plan.count / (pixel_x * pixel_y)
+        optics.is_point = int(not scene.is_collimated)
+        optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
+        optics.light_distance = scene.light_position_m[2] - scene.base_thickness_m
+        optics.cos_cone = math.cos(scene.emission_half_angle_rad)
+        return optics
+
+    # -- the linear stage -------------------------------------------------------------------------------------
+
+    def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
+        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
+        return self.prefilter @ heights @ self.prefilter.T
+
+    def coefficients_adjoint(self, grad: torch.Tensor) -> torch.Tensor:
+        """Adjoint of :meth:`coefficients`."""
+        return self.prefilter.T @ grad @ self.prefilter
+
+    @cached_property
+    def _lattice_matrices(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """Value, first and second derivative along y [rows, n + 4] and along x [columns, n + 4]."""
+        n, plan = self.scene.height_samples, self.plan
+        both = []
+        for cells, length in zip((plan.rows, plan.columns), reversed(self.scene.plate_size_m), strict=True):
+            u = sample_coordinate(cell_centres(cells, length), n, length)
+            both.append([self._tensor(basis_matrix(n, u, k) * (n / length) ** k) for k in range(3)])
+        return both[0], both[1]
+
+    def maps(self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> torch.Tensor:
+        """Surface maps [B, 6, N] (MAP_NAMES) of a chunk of photons."""
+        batch = coefficients.shape[0]
+        maps = coefficients.new_empty(batch, len(MAP_NAMES), chunk.count)
+        if self.plan.placement != "lattice":
+            wp.launch(self.surface.gather_surface, **self._gather_arguments(coefficients, positions, maps))
+            return maps
+        along_y, along_x = self._lattice_matrices
+        a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows] for matrix in along_y)
+        t0, t1, t2 = (coefficients @ matrix.T for matrix in along_x)
+        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.columns)
+        for k, (a, t) in enumerate(((a0, t0), (a0, t1), (a1, t0), (a0, t2), (a1, t1), (a2, t0))):
+            planes[:, k] = a @ t
+        return maps
+
+    def maps_adjoint(
+        self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor, grad_maps: torch.Tensor
+    ) -> torch.Tensor:
+        """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
+        if self.plan.placement != "lattice":
+            grad = torch.zeros_like(coefficients)
+            arguments = self._gather_arguments(coefficients, positions, torch.empty_like(grad_maps))
+            outputs = [arguments["inputs"].pop()]
+            wp.launch(
+                self.surface.gather_surface,
+                dim=arguments["dim"],
+                device=arguments["device"],
+                inputs=arguments["inputs"],
+                outputs=outputs,
+                adj_inputs=[_array(grad), None, 0.0, 0.0, 0],
+                adj_outputs=[_array(grad_maps)],
+                adjoint=True,
+            )
+            return grad
+        along_y, along_x = self._lattice_matrices
+        a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows].T for matrix in along_y)
+        b0, b1, b2 = along_x
+        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
+        through_value = a0 @ g[:, 0] + a1 @ g[:, 2] + a2 @ g[:, 5]
+        through_slope = a0 @ g[:, 1] + a1 @ g[:, 4]
+        through_curvature = a0 @ g[:, 3]
+        return through_value @ b0 + through_slope @ b1 + through_curvature @ b2
+
+    def _gather_arguments(
+        self, coefficients: torch.Tensor, positions: torch.Tensor, maps: torch.Tensor
+    ) -> dict[str, Any]:
+        n = self.scene.height_samples
+        pitch_x, pitch_y = self.scene.sample_pitch_m
+        return {
+            "dim": (maps.shape[0], maps.shape[2]),
+            "inputs": [_array(coefficients), _array(positions), 1 / pitch_x, 1 / pitch_y, n, _array(maps)],
+            "device": self.warp_device,
+        }
+
+    # -- trace and splat --------------------------------------------------------------------------------------
+
+    def records(self, maps: torch.Tensor, positions: torch.Tensor) -> torch.Tensor:
+        """Footprint records [B, n_w, 6, N] (RECORD_NAMES) of surface maps [B, 6, N]."""
+        batch, _, count = maps.shape
+        records = maps.new_empty(batch, self.scene.n_wavelengths, len(RECORD_NAMES), count)
+        wp.launch(
+            self.tracer.trace,
+            dim=(batch, self.scene.n_wavelengths, count),
+            inputs=self._trace_inputs(maps, positions),
+            outputs=[_array(records)],
+            device=self.warp_device,
+        )
+        return records
+
+    def records_adjoint(
+        self, maps: torch.Tensor, positions: torch.Tensor, records: torch.Tensor, grad_records: torch.Tensor
+    ) -> torch.Tensor:
+        """Adjoint of :meth:`records`: gradient with respect to the maps [B, 6, N]."""
+        grad_maps = torch.zeros_like(maps)
+        wp.launch(
+            self.tracer.trace,
+            dim=(maps.shape[0], self.scene.n_wavelengths, maps.shape[2]),
+            inputs=self._trace_inputs(maps, positions),
+            outputs=[_array(records)],
+            adj_inputs=[_array(grad_maps), None, None, None, None, self.tracer.Optics()],
+            adj_outputs=[_array(grad_records)],
+            adjoint=True,
+            device=self.warp_device,
+        )
+        return grad_maps
+
+    def _trace_inputs(self, maps: torch.Tensor, positions: torch.Tensor) -> list[Any]:
+        return [
+            _array(maps),
+            _array(positions),
+            _array(self.eta),
+            _array(self.ratio),
+            _array(self.radiosity),
+            self.optics,
+        ]
+
+    def splat(self, records: torch.Tensor, image: torch.Tensor) -> None:
+        """Add the footprints of records [B, n_w, 6, N] to image [B, n_w, m, m]."""
+        wp.launch(
+            self.splatter.splat,
+            dim=(records.shape[0], records.shape[1], records.shape[3]),
+            inputs=[_array(records)],
+            outputs=[_array(image)],
+            device=self.warp_device,
+        )
+
+    def splat_adjoint(self, records: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        """Adjoint of :meth:`splat`: gradient with respect to the records."""
+        grad_records = torch.empty_like(records)
+        wp.launch(
+            self.splatter.splat_adjoint,
+            dim=(records.shape[0], records.shape[1], records.shape[3]),
+            inputs=[_array(records), _array(grad_image)],
+            outputs=[_array(grad_records)],
+            device=self.warp_device,
+        )
+        return grad_records
+
+    def land(self, maps: torch.Tensor, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Screen positions [px] [B, n_w, 2, N], energies and fates [B, n_w, N] of surface maps [B, 6, N]."""
+        batch, _, count = maps.shape
+        channels = self.scene.n_wavelengths
+        landings = maps.new_empty(batch, channels, 2, count)
+        energies = maps.new_empty(batch, channels, count)
+        fates = torch.empty(batch, channels, count, dtype=torch.int32, device=self.device)
+        inputs = self._trace_inputs(maps, positions)
+        del inputs[4]
+        wp.launch(
+            self.tracer.land,
+            dim=(batch, channels, count),
+            inputs=inputs,
+            outputs=[_array(landings), _array(energies), _array(fates)],
+            device=self.warp_device,
+        )
+        return landings, energies, fates
+
+    # -- everything -------------------------------------------------------------------------------------------
+
+    def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
+        """Chunks of photons that fit CHUNK_BYTES for a batch of height fields, with their positions [N, 2]."""
+        per_photon = batch * (len(MAP_NAMES) + self.scene.n_wavelengths * len(RECORD_NAMES)) * self.dtype.itemsize
+        limit = max(1, CHUNK_BYTES[self.device.type] // per_photon)
+        for chunk in self.plan.chunks(limit):
+            yield chunk, self.plan.positions(chunk, self.dtype, self.device)
+
+    def image(self, heights: torch.Tensor) -> torch.Tensor:
+        """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
+        m = self.scene.image_pixels
+        image = heights.new_zeros(heights.shape[0], self.scene.n_wavelengths, m, m)
+        with self.stream():
+            coefficients = self.coefficients(heights)
+            for chunk, positions in self.chunks(heights.shape[0]):
+                maps = self.maps(coefficients, chunk, positions)
+                self.splat(self.records(maps, positions), image)
+        return image
+
+    def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
+        with self.stream():
+            coefficients = self.coefficients(heights)
+            grad = torch.zeros_like(coefficients)
+            for chunk, positions in self.chunks(heights.shape[0]):
+                maps = self.maps(coefficients, chunk, positions)
+                records = self.records(maps, positions)
+                grad_records = self.splat_adjoint(records, grad_image)
+                grad_maps = self.records_adjoint(maps, positions, records, grad_records)
+                grad += self.maps_adjoint(coefficients, chunk, positions, grad_maps)
+            return self.coefficients_adjoint(grad)
+
+    def stream(self) -> contextlib.AbstractContextManager[Any]:
+        """Makes Warp launch on torch's current stream, so that both see each other's results in order."""
+        if self.device.type != "cuda":
+            return contextlib.nullcontext()
+        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)), sync_enter=False)
+
+
+def _array(tensor: torch.Tensor) -> Any:
+    """Warp's view of a tensor; detached, because Warp would allocate .grad for tensors that require it."""
+    return wp.from_torch(tensor.detach(), requires_grad=False, return_ctype=True)
+
+
+assert MARGIN == 2  # the gather kernel's index arithmetic relies on it

@@ -1,0 +1,50 @@
+"""Errors a person can act on: one line with the value, the limit and the fix.
+
+Each class carries the exit code the command line ends with, so that scripts
+can tell a typing mistake from a full disk:
+
+====  =====================================================
+code  meaning
+====  =====================================================
+0     done
+1     a bug in this software (the traceback is kept)
+2     wrong usage of the command line
+3     bad input or configuration
+4     damaged data
+5     things that do not belong together, or are locked
+6     disk, memory or device
+7     inspection failed: the plate is out of tolerance
+130   stopped by Ctrl-C
+143   stopped by SIGTERM
+====  =====================================================
+"""
+
+
+class CausticsError(Exception):
+    """Base of all errors this package raises on purpose."""
+
+    exit_code = 1
+
+
+class InputError(CausticsError, ValueError):
+    """A value, file or configuration that cannot be used as given."""
+
+    exit_code = 3
+
+
+class DamagedDataError(CausticsError):
+    """A file that exists but whose content is broken (truncated, wrong checksum)."""
+
+    exit_code = 4
+
+
+class MismatchError(CausticsError):
+    """Two things that do not belong together (scene and weights, image and scene)."""
+
+    exit_code = 5
+
+
+class ResourceError(CausticsError, RuntimeError):
+    """Disk, memory or device is missing or too small."""
+
+    exit_code = 6

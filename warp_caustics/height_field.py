@@ -1,0 +1,80 @@
+"""The relief as a surface: cubic B-spline that interpolates the height samples.
+
+Samples sit at the centres of an n x n grid of cells; outside, the outermost
+samples continue for ever (edge extension). The spline then equals
+``scipy.ndimage`` with ``order=3, mode="nearest"``. It may dip below zero next
+to a steep relief.
+
+A point is addressed by its sample coordinate u = (x + W/2) / pitch - 1/2, so
+that sample i lies at u = i and the plate spans -1/2 <= u <= n - 1/2. Four
+coefficients c[floor(u) - 1 ... floor(u) + 2] act on it, hence two more
+coefficients than samples are kept on either side.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+MARGIN = 2
+"""Coefficients kept beyond the samples on either side."""
+
+_POLE = math.sqrt(3.0) - 2.0
+# The prefilter decays by 0.27 per sample: 40 samples of edge extension leave 1e-23 of the edge value.
+_EXTENSION = 40
+
+
+def prefilter_matrix(n: int) -> FloatArray:
+    """Matrix from height samples to spline coefficients along one axis, shape [n + 4, n].
+
+    The inverse of the sampled cubic B-spline (1, 4, 1)/6 has the impulse
+    response sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser, IEEE Signal Processing
+    Magazine 16(6), 22 (1999), box 2); edge extension folds its tails onto the
+    outermost samples.
+    """
+    rows = np.arange(-MARGIN, n + MARGIN)
+    columns = np.arange(-MARGIN - _EXTENSION, n + MARGIN + _EXTENSION)
+    response = math.sqrt(3.0) * _POLE ** np.abs(rows[:, None] - columns[None, :])
+    folded = np.zeros((n + 2 * MARGIN, n))
+    np.add.at(folded.T, np.clip(columns, 0, n - 1), response.T)
+    return folded
+
+
+def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
+    """Matrix from coefficients to the spline, or to its derivative, at given points of one axis.
+
+    Args:
+        n: number of samples along the axis.
+        u: sample coordinates in [-1/2, n - 1/2], shape [k].
+        derivative: 0, 1 or 2; derivatives are per sample pitch.
+
+    Returns:
+        Shape [k, n + 4].
+    """
+    cell = np.clip(np.floor(u).astype(int), -1, n - 1)
+    t = u - cell
+    if derivative == 0:
+        weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+        weights = [w / 6 for w in weights]
+    elif derivative == 1:
+        weights = [-((1 - t) ** 2) / 2, (3 * t**2 - 4 * t) / 2, (-3 * t**2 + 2 * t + 1) / 2, t**2 / 2]
+    elif derivative == 2:
+        weights = [1 - t, 3 * t - 2, -3 * t + 1, t]
+    else:
+        raise ValueError(f"derivative {derivative} is not 0, 1 or 2")
+    matrix = np.zeros((len(u), n + 2 * MARGIN))
+    for tap, weight in enumerate(weights):
+        matrix[np.arange(len(u)), cell + MARGIN - 1 + tap] = weight
+    return matrix
+
+
+def cell_centres(n: int, length_m: float) -> FloatArray:
+    """Centres of n equal cells that divide an axis of the given length [m], centred on 0; shape [n]."""
+    return ((np.arange(n) + 0.5) / n - 0.5) * length_m
+
+
+def sample_coordinate(position_m: FloatArray, n: int, length_m: float) -> FloatArray:
+    """Sample coordinate u of positions [m] along an axis of n samples and the given length [m]."""
+    return (position_m / length_m + 0.5) * n - 0.5

@@ -1,0 +1,137 @@
+"""Files at the edge of the program: safe to open, whole or absent when written.
+
+Reading: a path given by a person may be a folder, a pipe or ``/dev/zero``;
+:func:`regular_file` turns each into one clear line and never blocks.
+Writing: :func:`atomic_path` lets a writer fill a temporary file that takes the
+final name only when it is complete and on disk. Not handled: network file
+systems on which rename is not atomic.
+"""
+
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from warp_caustics.errors import InputError, ResourceError
+
+PathLike = str | os.PathLike[str]
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def reason(error: BaseException) -> str:
+    """The message of a foreign error on one short line, its type where it has no message."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _kind(mode: int) -> str:
+    return next((name for test, name in _KINDS if test(mode)), "no regular file")
+
+
+def _explained(error: OSError | ValueError, name: str) -> str:
+    code = error.errno if isinstance(error, OSError) else None
+    explanations = {
+        errno.ENOENT: f"{name} does not exist; check the spelling",
+        errno.ENOTDIR: f"{name} does not exist, a part of its path is no folder; check the spelling",
+        errno.ELOOP: f"{name} is a symbolic link that points at itself; give the file",
+        errno.EACCES: f"{name} may not be read by this user; change its permissions",
+        errno.ENAMETOOLONG: f"{name[:60]}... is too long for a file name; shorten it",
+    }
+    return explanations.get(code or 0, f"{name} cannot be opened ({reason(error)}); give a readable file")
+
+
+def regular_file(path: PathLike) -> Path:
+    """Check that a path names a readable, regular, non-empty file.
+
+    Args:
+        path: path as given by a person.
+
+    Raises:
+        InputError: missing, a folder, a pipe, a device, unreadable, empty or a web address.
+    """
+    name = repr(os.fspath(path))
+    if "://" in name:
+        raise InputError(f"{name} is a web address; download the file and give its path")
+    try:
+        info = os.stat(path)
+        if not stat.S_ISREG(info.st_mode):
+            raise InputError(f"{name} is {_kind(info.st_mode)}; give a file")
+        # O_NONBLOCK: should the file have become a pipe since the check, opening it must not wait for a writer.
+        os.close(os.open(path, os.O_RDONLY | os.O_NONBLOCK))
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(_explained(error, name)) from error
+    if info.st_size == 0:
+        raise InputError(f"{name} is empty (0 bytes); export or copy it again")
+    return Path(path)
+
+
+def _write_target(path: PathLike) -> Path:
+    name = repr(os.fspath(path))
+    try:
+        # Through a symbolic link the file behind it is replaced, as an ordinary write would do.
+        target = Path(os.path.realpath(path))
+        mode = target.lstat().st_mode if os.path.lexists(target) else None
+        parent_is_folder = target.parent.is_dir()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{name} cannot be written ({reason(error)}); give another path") from error
+    if mode is not None and not stat.S_ISREG(mode):
+        # os.replace would happily swap a device node for a file.
+        raise InputError(f"{name} is {_kind(mode)}, not a file to overwrite; give another name")
+    if not parent_is_folder:
+        raise InputError(f"folder {str(target.parent)!r} does not exist; create it first")
+    if len(os.fsencode(target.name)) > 255:
+        raise InputError(f"file name {target.name[:40]!r}... is longer than 255 bytes; shorten it")
+    return target
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def atomic_path(path: PathLike) -> Iterator[Path]:
+    """Write a file so that it appears complete or not at all.
+
+    Yields a temporary path in the same folder with the same suffix. When the
+    block ends it is fsynced and renamed to ``path``; when the block raises
+    (Ctrl-C included) it is removed and an older ``path`` stays as it was.
+    A kill -9 leaves the temporary file (``.tmp-*``), never half of ``path``.
+
+    Args:
+        path: final path; an existing regular file is replaced.
+
+    Raises:
+        InputError: the folder is missing or not writable, or ``path`` is no regular file.
+        ResourceError: the disk is full or broken.
+    """
+    target = _write_target(path)
+    temporary = target.with_name(f".tmp-{secrets.token_hex(8)}{target.suffix[:32]}")
+    try:
+        yield temporary
+        _sync(temporary)
+        os.replace(temporary, target)
+        _sync(target.parent)
+    except OSError as error:
+        # HDF5 reports a full disk in its message only, without the error number.
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) or "No space left" in str(error):
+            raise ResourceError(f"cannot write {str(target)!r} ({reason(error)}); free space on the disk") from error
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise InputError(f"folder {str(target.parent)!r} is not writable; choose another") from error
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,28 @@
+"""Warp kernels, one stage per file: photons -> surface -> trace -> splat.
+
+Kernels know nothing of torch. Each file has a memoised factory, because Warp
+never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same
+source specialised once more. Outputs come last in every signature.
+
+Kernels differentiated by Warp (surface, trace) have bodies without loops that
+carry values; the splat loops do carry values, so their adjoint is written by
+hand and Warp's is switched off.
+"""
+
+from typing import Any
+
+import warp as wp
+
+# Banners would disturb --json output and tests; problems still come through as warnings.
+wp.config.log_level = wp.LOG_WARNING
+
+MAP_NAMES = ("h", "h_x", "h_y", "h_xx", "h_xy", "h_yy")
+"""Planes of the surface maps: height [m], slopes [1], second derivatives [1/m]."""
+
+RECORD_NAMES = ("column", "row", "var_column", "cov", "var_row", "amplitude")
+"""Planes of the footprint records: centre [px], covariance [px^2], irradiance x pixels [W/m^2]."""
+
+
+def dtype_of(bits: int) -> Any:
+    """Warp scalar type of the given width in bits, 32 or 64."""
+    return {32: wp.float32, 64: wp.float64}[bits]

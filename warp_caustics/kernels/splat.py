@@ -1,0 +1,184 @@
+"""Gaussian footprints integrated over pixels, and the adjoint of that.
+
+A footprint is a Gaussian with centre (x, y) and covariance [[a, b], [b, c]] in
+pixels; pixel (i, j) covers [j, j + 1] x [i, i + 1] and receives the footprint's
+integral over that square. Along rows the integral is exact. Along columns it
+is exact for the row's conditional Gaussian, whose centre and variance are
+
+    x_i = x + beta (i + 1/2 - y),   beta = b / (c + 1/12),   v = a - beta b:
+
+1/12 is the variance of a pixel's box. This keeps energy, mean and covariance
+of the footprint for every size and is exact for footprints without tilt. A
+point-sampled Gaussian loses up to 1 % of its energy at a quarter pixel.
+
+The adjoint is a gather: no atomics, and deterministic.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, no_type_check
+
+import warp as wp
+
+REACH = 5.0
+"""Half-width of the window in standard deviations: 6e-7 of the energy lies outside, and finite differences of
+the image agree with the adjoint to about 1e-6 although the window moves in whole pixels (3 would lose 0.3 %)."""
+
+BOX_VARIANCE = 1.0 / 12.0
+"""Variance of the uniform distribution over a pixel [px^2]."""
+
+
+@cache
+def splat_kernels(dtype: Any) -> SimpleNamespace:
+    """Kernels for float32 or float64: ``splat`` and ``splat_adjoint``."""
+    zero = wp.constant(dtype(0.0))
+    half = wp.constant(dtype(0.5))
+    one = wp.constant(dtype(1.0))
+    two = wp.constant(dtype(2.0))
+    reach = wp.constant(dtype(REACH))
+    box = wp.constant(dtype(BOX_VARIANCE))
+    inv_sqrt2 = wp.constant(dtype(0.7071067811865476))
+    inv_sqrt2pi = wp.constant(dtype(0.3989422804014327))
+
+    @no_type_check
+    @wp.func
+    def cumulative(t: dtype):
+        """Standard normal distribution function."""
+        return half + half * wp.erf(t * inv_sqrt2)
+
+    @no_type_check
+    @wp.func
+    def density(t: dtype):
+        """Standard normal density."""
+        return inv_sqrt2pi * wp.exp(-half * t * t)
+
+    @no_type_check
+    @wp.func
+    def first_pixel(centre: dtype, sigma: dtype):
+        return wp.max(wp.int32(wp.floor(centre - reach * sigma)), 0)
+
+    @no_type_check
+    @wp.func
+    def last_pixel(centre: dtype, sigma: dtype, count: wp.int32):
+        return wp.min(wp.int32(wp.floor(centre + reach * sigma)), count - 1)
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module="unique")
+    def splat(
+        records: wp.array4d[dtype],
+        # outputs
+        image: wp.array4d[dtype],
+    ):
+        """Add every footprint of records [B, C, 6, N] (RECORD_NAMES) to image [B, C, H, W] [W/m^2]."""
+        b, c, p = wp.tid()
+        amplitude = records[b, c, 5, p]
+        if amplitude != zero:
+            x = records[b, c, 0, p]
+            y = records[b, c, 1, p]
+            cov = records[b, c, 3, p]
+            var_y = records[b, c, 4, p]
+            beta = cov / (var_y + box)
+            sigma_y = wp.sqrt(var_y)
+            sigma_x = wp.sqrt(records[b, c, 2, p] - beta * cov)
+            inv_x = one / sigma_x
+            inv_y = one / sigma_y
+            first_row = first_pixel(y, sigma_y)
+            below = cumulative((dtype(first_row) - y) * inv_y)
+            for i in range(first_row, last_pixel(y, sigma_y, image.shape[2]) + 1):
+                above = cumulative((dtype(i + 1) - y) * inv_y)
+                share = amplitude * (above - below)
+                below = above
+                row_x = x + beta * (dtype(i) + half - y)
+                first_column = first_pixel(row_x, sigma_x)
+                left = cumulative((dtype(first_column) - row_x) * inv_x)
+                for j in range(first_column, last_pixel(row_x, sigma_x, image.shape[3]) + 1):
+                    right = cumulative((dtype(j + 1) - row_x) * inv_x)
+                    wp.atomic_add(image, b, c, i, j, share * (right - left))
+                    left = right
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module="unique")
+    def splat_adjoint(
+        records: wp.array4d[dtype],
+        grad_image: wp.array4d[dtype],
+        # outputs
+        grad_records: wp.array4d[dtype],
+    ):
+        """Adjoint of ``splat``: gradient with respect to the records from that with respect to the image."""
+        b, c, p = wp.tid()
+        amplitude = records[b, c, 5, p]
+        grad_x = zero
+        grad_y = zero
+        grad_var_x = zero
+        grad_cov = zero
+        grad_var_y = zero
+        grad_amplitude = zero
+        if amplitude != zero:
+            x = records[b, c, 0, p]
+            y = records[b, c, 1, p]
+            cov = records[b, c, 3, p]
+            var_y = records[b, c, 4, p]
+            widened = var_y + box
+            beta = cov / widened
+            sigma_y = wp.sqrt(var_y)
+            sigma_x = wp.sqrt(records[b, c, 2, p] - beta * cov)
+            inv_x = one / sigma_x
+            inv_y = one / sigma_y
+            grad_sigma_x = zero
+            grad_sigma_y = zero
+            grad_beta = zero
+            first_row = first_pixel(y, sigma_y)
+            t_below = (dtype(first_row) - y) * inv_y
+            below = cumulative(t_below)
+            below_density = density(t_below)
+            for i in range(first_row, last_pixel(y, sigma_y, grad_image.shape[2]) + 1):
+                t_above = (dtype(i + 1) - y) * inv_y
+                above = cumulative(t_above)
+                above_density = density(t_above)
+                offset = dtype(i) + half - y
+                row_x = x + beta * offset
+                # Sums over the row of G times: the share, its derivative by centre and by width.
+                row_sum = zero
+                row_slope = zero
+                row_width = zero
+                first_column = first_pixel(row_x, sigma_x)
+                t_left = (dtype(first_column) - row_x) * inv_x
+                left = cumulative(t_left)
+                left_density = density(t_left)
+                for j in range(first_column, last_pixel(row_x, sigma_x, grad_image.shape[3]) + 1):
+                    t_right = (dtype(j + 1) - row_x) * inv_x
+                    right = cumulative(t_right)
+                    right_density = density(t_right)
+                    g = grad_image[b, c, i, j]
+                    row_sum += g * (right - left)
+                    row_slope += g * (right_density - left_density)
+                    row_width += g * (t_right * right_density - t_left * left_density)
+                    t_left = t_right
+                    left = right
+                    left_density = right_density
+                share = above - below
+                grad_amplitude += share * row_sum
+                grad_row_x = -share * row_slope * inv_x
+                grad_sigma_x -= share * row_width * inv_x
+                grad_x += grad_row_x
+                grad_beta += grad_row_x * offset
+                grad_y -= (above_density - below_density) * inv_y * row_sum + beta * grad_row_x
+                grad_sigma_y -= (t_above * above_density - t_below * below_density) * inv_y * row_sum
+                t_below = t_above
+                below = above
+                below_density = above_density
+            grad_v = amplitude * grad_sigma_x * half * inv_x
+            grad_beta = amplitude * grad_beta
+            grad_x = amplitude * grad_x
+            grad_y = amplitude * grad_y
+            grad_var_x = grad_v
+            grad_cov = grad_beta / widened - two * beta * grad_v
+            grad_var_y = amplitude * grad_sigma_y * half * inv_y + beta * (beta * grad_v - grad_beta / widened)
+        grad_records[b, c, 0, p] = grad_x
+        grad_records[b, c, 1, p] = grad_y
+        grad_records[b, c, 2, p] = grad_var_x
+        grad_records[b, c, 3, p] = grad_cov
+        grad_records[b, c, 4, p] = grad_var_y
+        grad_records[b, c, 5, p] = grad_amplitude
+
+    return SimpleNamespace(splat=splat, splat_adjoint=splat_adjoint)

@@ -1,0 +1,137 @@
+"""Height, slopes and second derivatives of the relief at scattered points."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, no_type_check
+
+import warp as wp
+
+
+@cache
+def surface_kernels(dtype: Any) -> SimpleNamespace:
+    """Kernels for float32 or float64: ``gather_surface``, ``prefilter_rows``, ``prefilter_columns``."""
+    vec4 = wp.types.vector(length=4, dtype=dtype)
+    one = wp.constant(dtype(1.0))
+    two = wp.constant(dtype(2.0))
+    three = wp.constant(dtype(3.0))
+    four = wp.constant(dtype(4.0))
+    half = wp.constant(dtype(0.5))
+    sixth = wp.constant(dtype(1.0 / 6.0))
+    zero = wp.constant(dtype(0.0))
+
+    @no_type_check
+    @wp.func
+    def spline_weights(t: dtype):
+        """Cubic B-spline weights of the four coefficients around a point, t in [0, 1)."""
+        s = one - t
+        return vec4(
+            s * s * s * sixth,
+            ((three * t - three * two) * t * t + four) * sixth,
+            (((three - three * t) * t + three) * t + one) * sixth,
+            t * t * t * sixth,
+        )
+
+    @no_type_check
+    @wp.func
+    def spline_slopes(t: dtype):
+        """First derivatives of the weights, per sample pitch."""
+        s = one - t
+        return vec4(
+            -s * s * half,
+            (three * t - four) * t * half,
+            ((two - three * t) * t + one) * half,
+            t * t * half,
+        )
+
+    @no_type_check
+    @wp.func
+    def spline_curvatures(t: dtype):
+        """Second derivatives of the weights, per squared sample pitch."""
+        return vec4(one - t, three * t - two, one - three * t, t)
+
+    @no_type_check
+    @wp.kernel(module="unique")
+    def gather_surface(
+        coefficients: wp.array3d[dtype],
+        positions: wp.array2d[dtype],
+        samples_per_m_x: dtype,
+        samples_per_m_y: dtype,
+        n: wp.int32,
+        # outputs
+        maps: wp.array3d[dtype],
+    ):
+        """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m]."""
+        b, p = wp.tid()
+        u = positions[p, 0] * samples_per_m_x + half * dtype(n) - half
+        v = positions[p, 1] * samples_per_m_y + half * dtype(n) - half
+        column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
+        row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
+        tx = u - dtype(column)
+        ty = v - dtype(row)
+        wx = spline_weights(tx)
+        wy = spline_weights(ty)
+        sx = spline_slopes(tx)
+        sy = spline_slopes(ty)
+        cx = spline_curvatures(tx)
+        cy = spline_curvatures(ty)
+        h = zero
+        h_x = zero
+        h_y = zero
+        h_xx = zero
+        h_xy = zero
+        h_yy = zero
+        for k in range(4):
+            value = zero
+            slope = zero
+            curvature = zero
+            for l in range(4):
+                c = coefficients[b, row + 1 + k, column + 1 + l]
+                value += wx[l] * c
+                slope += sx[l] * c
+                curvature += cx[l] * c
+            h += wy[k] * value
+            h_x += wy[k] * slope
+            h_y += sy[k] * value
+            h_xx += wy[k] * curvature
+            h_xy += sy[k] * slope
+            h_yy += cy[k] * value
+        maps[b, 0, p] = h
+        maps[b, 1, p] = h_x * samples_per_m_x
+        maps[b, 2, p] = h_y * samples_per_m_y
+        maps[b, 3, p] = h_xx * samples_per_m_x * samples_per_m_x
+        maps[b, 4, p] = h_xy * samples_per_m_x * samples_per_m_y
+        maps[b, 5, p] = h_yy * samples_per_m_y * samples_per_m_y
+
+    @no_type_check
+    @wp.kernel(module="unique")
+    def prefilter_columns(
+        matrix: wp.array2d[dtype],
+        heights: wp.array3d[dtype],
+        # outputs
+        filtered: wp.array3d[dtype],
+    ):
+        """filtered[b] = matrix @ heights[b]: samples to coefficients along the rows' axis."""
+        b, i, j = wp.tid()
+        total = zero
+        for k in range(heights.shape[1]):
+            total += matrix[i, k] * heights[b, k, j]
+        filtered[b, i, j] = total
+
+    @no_type_check
+    @wp.kernel(module="unique")
+    def prefilter_rows(
+        matrix: wp.array2d[dtype],
+        filtered: wp.array3d[dtype],
+        # outputs
+        coefficients: wp.array3d[dtype],
+    ):
+        """coefficients[b] = filtered[b] @ matrix.T: samples to coefficients along the columns' axis."""
+        b, i, j = wp.tid()
+        total = zero
+        for k in range(filtered.shape[2]):
+            total += filtered[b, i, k] * matrix[j, k]
+        coefficients[b, i, j] = total
+
+    return SimpleNamespace(
+        gather_surface=gather_surface, prefilter_columns=prefilter_columns, prefilter_rows=prefilter_rows
+    )

@@ -1,0 +1,268 @@
+"""Refraction of light paths through the plate, with their photon differentials.
+
+A path starts at (x, y) on the relief, z = d + h(x, y), is refracted into the
+glass, crosses to the flat bottom face z = 0, is refracted into the exit medium
+and meets the screen. All derivatives of the screen position with respect to
+(x, y) are carried along by the product rule, so that the footprint's
+covariance sigma0^2 J J^T uses the exact Jacobian J of the map plate -> screen
+(photon differentials: Igehy 1999; Frisvad et al., CGF 33(6), 252 (2014)).
+
+Not modelled: Fresnel losses, a second hit of the relief, shadows that one part
+of the relief throws on another.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, no_type_check
+
+import warp as wp
+
+LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
+"""Fates of a light path: inside the image window, beside it, totally reflected at the bottom face,
+outside the source's cone or on a face turned away from it, non-finite."""
+
+FATE_NAMES = ("landed", "off_screen", "reflected", "unlit", "not_finite")
+
+FAR_PX = 1.0e6
+"""Position [px] given to paths without a footprint: finite, and beyond every window."""
+
+
+@cache
+def optics_struct(dtype: Any) -> Any:
+    """Struct with everything about the scene that is the same for all paths."""
+
+    class Optics:
+        base: dtype  # d [m]
+        gap: dtype  # bottom face to screen [m]
+        window_x: dtype  # lower edges of the image window [m]
+        window_y: dtype
+        pixels_per_m_x: dtype
+        pixels_per_m_y: dtype
+        image_pixels: dtype
+        sigma0: dtype  # standard deviation of the footprint on the plate [m]
+        min_var: dtype  # variance added to every footprint [px^2]
+        max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
+        area: dtype  # plate area one path stands for, over the pixel's area
+        is_point: wp.int32
+        light_x: dtype
+        light_y: dtype
+        light_z: dtype
+        light_distance: dtype  # light to nominal top [m]
+        cos_cone: dtype
+
+    Optics.__name__ = Optics.__qualname__ = f"Optics_{dtype.__name__}"
+    return wp.struct(Optics)
+
+
+@cache
+def trace_kernels(dtype: Any) -> SimpleNamespace:
+    """Kernels for float32 or float64: ``trace`` and ``land``."""
+    vec2 = wp.types.vector(length=2, dtype=dtype)
+    vec3 = wp.types.vector(length=3, dtype=dtype)
+    vec6 = wp.types.vector(length=6, dtype=dtype)
+    Optics = optics_struct(dtype)
+    zero = wp.constant(dtype(0.0))
+    one = wp.constant(dtype(1.0))
+    two = wp.constant(dtype(2.0))
+    # Below this squared cosine the exit angle is within 0.06 degrees of grazing: counted as totally reflected,
+    # because the differentials grow as its power -3/2.
+    grazing = wp.constant(dtype(1.0e-6))
+    far = wp.constant(dtype(FAR_PX))
+
+    @no_type_check
+    @wp.func
+    def refracted_slope(w: vec3, m: vec3, eta: dtype, ratio: dtype):
+        """Direction inside the glass (x, y, z) and squared cosine behind the bottom face.
+
+        w: unit direction of incidence; m: surface normal (-h_x, -h_y, 1), not normalised;
+        eta: 1 / n; ratio: n / n_exit. Snell's law as t = eta w + gamma m with |t| = 1.
+        """
+        wm = wp.dot(w, m)
+        mm = wp.dot(m, m)
+        root = wp.sqrt(eta * eta * wm * wm + (one - eta * eta) * mm)
+        gamma = -(eta * wm + root) / mm
+        t = eta * w + gamma * m
+        q = one - ratio * ratio * (t[0] * t[0] + t[1] * t[1])
+        return t, q
+
+    @no_type_check
+    @wp.func
+    def refract_differential(w: vec3, dw: vec3, m: vec3, dm: vec3, eta: dtype):
+        """Derivative of the direction inside the glass along one plate coordinate."""
+        wm = wp.dot(w, m)
+        mm = wp.dot(m, m)
+        root = wp.sqrt(eta * eta * wm * wm + (one - eta * eta) * mm)
+        gamma = -(eta * wm + root) / mm
+        dwm = wp.dot(dw, m) + wp.dot(w, dm)
+        dmm = two * wp.dot(m, dm)
+        droot = (eta * eta * wm * dwm + (one - eta * eta) * dmm / two) / root
+        dgamma = -(eta * dwm + droot + gamma * dmm) / mm
+        return eta * dw + dgamma * m + gamma * dm
+
+    @no_type_check
+    @wp.func
+    def shift_differential(h: dtype, dh: dtype, t: vec3, dt: vec3, q: dtype, ratio: dtype, base: dtype, gap: dtype):
+        """Derivative along one plate coordinate of the sideways shift between relief and screen [1]."""
+        g = vec2(-t[0] / t[2], -t[1] / t[2])
+        dg = vec2((dt[0] + g[0] * dt[2]) / -t[2], (dt[1] + g[1] * dt[2]) / -t[2])
+        # Exit slope f = s / sqrt(q), s = ratio (t_x, t_y), q = 1 - |s|^2.
+        cosine = wp.sqrt(q)
+        s = vec2(ratio * t[0], ratio * t[1])
+        ds = vec2(ratio * dt[0], ratio * dt[1])
+        df = ds / cosine + s * (wp.dot(s, ds) / (q * cosine))
+        return dh * g + (base + h) * dg + gap * df
+
+    @no_type_check
+    @wp.func
+    def incidence(x: dtype, y: dtype, h: dtype, optics: Optics):
+        """Unit direction of the light at a point of the relief, and its distance from the source [m]."""
+        w = vec3(zero, zero, -one)
+        distance = one
+        if optics.is_point != 0:
+            to_point = vec3(x - optics.light_x, y - optics.light_y, optics.base + h - optics.light_z)
+            distance = wp.sqrt(wp.dot(to_point, to_point))
+            w = to_point / distance
+        return w, distance
+
+    @no_type_check
+    @wp.func
+    def lit_area(w: vec3, m: vec3, distance: dtype, optics: Optics):
+        """Flux through the path's part of the plate for unit radiosity, over the pixel's area.
+
+        Collimated: the area itself. Point source: radiant intensity D^2 (unit irradiance on the nominal top
+        below the source, at distance D) times the solid angle -w.m dx dy / r^2, zero outside the cone.
+        """
+        area = optics.area
+        if optics.is_point != 0:
+            area = zero
+            facing = -wp.dot(w, m)
+            if facing > zero and -w[2] >= optics.cos_cone:
+                relative = optics.light_distance / distance
+                area = optics.area * relative * relative * facing
+        return area
+
+    @no_type_check
+    @wp.func
+    def landing(x: dtype, y: dtype, h: dtype, t: vec3, q: dtype, ratio: dtype, optics: Optics):
+        """Where a path meets the screen, in pixels from the window's lower corner (column, row)."""
+        f = ratio / wp.sqrt(q)
+        thickness = optics.base + h
+        screen_x = x - thickness * t[0] / t[2] + optics.gap * f * t[0]
+        screen_y = y - thickness * t[1] / t[2] + optics.gap * f * t[1]
+        return vec2(
+            (screen_x - optics.window_x) * optics.pixels_per_m_x,
+            (screen_y - optics.window_y) * optics.pixels_per_m_y,
+        )
+
+    @no_type_check
+    @wp.kernel(module="unique")
+    def trace(
+        maps: wp.array3d[dtype],
+        positions: wp.array2d[dtype],
+        eta: wp.array[dtype],
+        ratio: wp.array[dtype],
+        radiosity: wp.array[dtype],
+        optics: Optics,
+        # outputs
+        records: wp.array4d[dtype],
+    ):
+        """Footprint records [B, C, 6, N] (RECORD_NAMES) from surface maps [B, 6, N] at positions [N, 2] [m]."""
+        b, c, p = wp.tid()
+        x = positions[p, 0]
+        y = positions[p, 1]
+        h = maps[b, 0, p]
+        h_x = maps[b, 1, p]
+        h_y = maps[b, 2, p]
+        h_xx = maps[b, 3, p]
+        h_xy = maps[b, 4, p]
+        h_yy = maps[b, 5, p]
+        w, distance = incidence(x, y, h, optics)
+        m = vec3(-h_x, -h_y, one)
+        t, q = refracted_slope(w, m, eta[c], ratio[c])
+        lit = lit_area(w, m, distance, optics)
+        record = vec6(far, far, optics.min_var, zero, optics.min_var, zero)
+        if q > grazing and lit > zero:
+            dw_x = vec3(zero, zero, zero)
+            dw_y = vec3(zero, zero, zero)
+            if optics.is_point != 0:
+                dp_x = vec3(one, zero, h_x)
+                dp_y = vec3(zero, one, h_y)
+                dw_x = (dp_x - w * wp.dot(w, dp_x)) / distance
+                dw_y = (dp_y - w * wp.dot(w, dp_y)) / distance
+            dt_x = refract_differential(w, dw_x, m, vec3(-h_xx, -h_xy, zero), eta[c])
+            dt_y = refract_differential(w, dw_y, m, vec3(-h_xy, -h_yy, zero), eta[c])
+            shift_x = shift_differential(h, h_x, t, dt_x, q, ratio[c], optics.base, optics.gap)
+            shift_y = shift_differential(h, h_y, t, dt_y, q, ratio[c], optics.base, optics.gap)
+            # Columns of J, in standard deviations of the footprint and pixels.
+            scale_x = optics.sigma0 * optics.pixels_per_m_x
+            scale_y = optics.sigma0 * optics.pixels_per_m_y
+            ux = (one + shift_x[0]) * scale_x
+            uy = shift_x[1] * scale_y
+            vx = shift_y[0] * scale_x
+            vy = (one + shift_y[1]) * scale_y
+            var_x = ux * ux + vx * vx
+            cov = ux * uy + vx * vy
+            var_y = uy * uy + vy * vy
+            shrink = wp.min(one, optics.max_var / wp.max(var_x + var_y, optics.min_var))
+            centre = landing(x, y, h, t, q, ratio[c], optics)
+            finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(var_x + var_y)
+            if finite and wp.abs(centre[0]) < far and wp.abs(centre[1]) < far:
+                record = vec6(
+                    centre[0],
+                    centre[1],
+                    shrink * var_x + optics.min_var,
+                    shrink * cov,
+                    shrink * var_y + optics.min_var,
+                    lit * radiosity[c],
+                )
+        records[b, c, 0, p] = record[0]
+        records[b, c, 1, p] = record[1]
+        records[b, c, 2, p] = record[2]
+        records[b, c, 3, p] = record[3]
+        records[b, c, 4, p] = record[4]
+        records[b, c, 5, p] = record[5]
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module="unique")
+    def land(
+        maps: wp.array3d[dtype],
+        positions: wp.array2d[dtype],
+        eta: wp.array[dtype],
+        ratio: wp.array[dtype],
+        optics: Optics,
+        # outputs
+        landings: wp.array4d[dtype],
+        energies: wp.array3d[dtype],
+        fates: wp.array3d[wp.int32],
+    ):
+        """Screen position [px] [B, C, 2, N], flux for unit radiosity over pixel area and fate, both [B, C, N]."""
+        b, c, p = wp.tid()
+        x = positions[p, 0]
+        y = positions[p, 1]
+        h = maps[b, 0, p]
+        w, distance = incidence(x, y, h, optics)
+        m = vec3(-maps[b, 1, p], -maps[b, 2, p], one)
+        t, q = refracted_slope(w, m, eta[c], ratio[c])
+        lit = lit_area(w, m, distance, optics)
+        fate = wp.static(LANDED)
+        centre = vec2(far, far)
+        if not (lit > zero):
+            fate = wp.static(UNLIT)
+        elif not wp.isfinite(q):
+            fate = wp.static(NOT_FINITE)
+        elif q <= grazing:
+            fate = wp.static(REFLECTED)
+        else:
+            centre = landing(x, y, h, t, q, ratio[c], optics)
+            if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
+                fate = wp.static(NOT_FINITE)
+            elif (
+                centre[0] < zero or centre[0] > optics.image_pixels or centre[1] < zero or centre[1] > optics.image_pixels
+            ):
+                fate = wp.static(OFF_SCREEN)
+        landings[b, c, 0, p] = centre[0]
+        landings[b, c, 1, p] = centre[1]
+        energies[b, c, p] = lit
+        fates[b, c, p] = fate
+
+    return SimpleNamespace(trace=trace, land=land, Optics=Optics)

@@ -1,0 +1,127 @@
+"""Placement of light paths on the plate.
+
+``lattice``: cell centres of a regular grid, deterministic and free of noise.
+``stratified``: one uniform photon per cell. ``sobol``: a scrambled Sobol
+sequence. ``random``: independent and uniform, as in the paper.
+"""
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import get_args
+
+import torch
+import warp as wp
+
+from warp_caustics.errors import InputError
+from warp_caustics.height_field import cell_centres
+from warp_caustics.kernels import dtype_of
+from warp_caustics.kernels.photons import photon_kernels
+from warp_caustics.scene import Placement, Scene
+
+MAX_PHOTONS = 10**10
+
+
+def photon_key(seed: int, role: str = "") -> tuple[int, int]:
+    """Two 32-bit words that select a photon stream.
+
+    A hash, because neighbouring seeds would otherwise share photons: the
+    stream of (seed, role) has nothing in common with (seed + 1, role) nor with
+    (seed, another role).
+    """
+    digest = hashlib.sha256(f"{seed}/{role}".encode()).digest()
+    return int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:8], "little")
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Photons first ... first + count - 1; for grids whole rows first_row ... first_row + rows - 1."""
+
+    first: int
+    count: int
+    first_row: int = 0
+    rows: int = 0
+
+
+@dataclass(frozen=True)
+class PhotonPlan:
+    """How many photons start where.
+
+    Attributes:
+        scene: the plate they start on.
+        placement: see the module's docstring.
+        requested: wished number of photons n_l; grids round it to columns x rows.
+        seed: selects the photon set (unused for the lattice).
+        role: distinguishes photon sets of one seed that must be independent.
+    """
+
+    scene: Scene
+    placement: Placement
+    requested: int
+    seed: int = 0
+    role: str = ""
+
+    def __post_init__(self) -> None:
+        if self.placement not in get_args(Placement):
+            raise InputError(f"placement {self.placement!r} is not known; use one of {', '.join(get_args(Placement))}")
+        if isinstance(self.requested, bool) or self.requested != int(self.requested):
+            raise InputError(f"n_photons {self.requested!r} is not a whole number; give one such as 1000000")
+        if not 1 <= self.requested <= MAX_PHOTONS:
+            raise InputError(f"n_photons {self.requested} is not between 1 and {MAX_PHOTONS}; give at least one photon")
+
+    @property
+    def is_grid(self) -> bool:
+        return self.placement in ("lattice", "stratified")
+
+    @cached_property
+    def columns(self) -> int:
+        """Grid cells along x, as square as the plate allows."""
+        width, length = self.scene.plate_size_m
+        return max(1, round(math.sqrt(self.requested * width / length)))
+
+    @cached_property
+    def rows(self) -> int:
+        """Grid cells along y."""
+        return max(1, round(self.requested / self.columns))
+
+    @cached_property
+    def count(self) -> int:
+        """Actual number of photons n_l."""
+        return self.columns * self.rows if self.is_grid else int(self.requested)
+
+    def chunks(self, max_photons: int) -> Iterator[Chunk]:
+        """Cut into chunks of at most max_photons (grids: whole rows, at least one)."""
+        if self.is_grid:
+            step = max(1, max_photons // self.columns)
+            for row in range(0, self.rows, step):
+                rows = min(step, self.rows - row)
+                yield Chunk(row * self.columns, rows * self.columns, row, rows)
+        else:
+            for first in range(0, self.count, max_photons):
+                yield Chunk(first, min(max_photons, self.count - first))
+
+    def positions(self, chunk: Chunk, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+        """Starting points (x, y) of a chunk [m], shape [chunk.count, 2]."""
+        width, length = self.scene.plate_size_m
+        if self.placement == "lattice":
+            x = torch.as_tensor(cell_centres(self.columns, width), dtype=dtype, device=device)
+            y = torch.as_tensor(cell_centres(self.rows, length), dtype=dtype, device=device)
+            y = y[chunk.first_row : chunk.first_row + chunk.rows]
+            return torch.stack([x.repeat(chunk.rows), y.repeat_interleave(self.columns)], dim=1)
+        key0, key1 = photon_key(self.seed, self.role)
+        if self.placement == "sobol":
+            engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=key0)
+            unit = engine.fast_forward(chunk.first).draw(chunk.count, dtype=torch.float64)
+            return ((unit - 0.5) * torch.tensor([width, length], dtype=torch.float64)).to(dtype).to(device)
+        positions = torch.empty(chunk.count, 2, dtype=dtype, device=device)
+        warp_dtype = dtype_of(torch.finfo(dtype).bits)
+        jitter = (self.columns, self.rows) if self.placement == "stratified" else (0, 0)
+        wp.launch(
+            photon_kernels(warp_dtype).place_random,
+            dim=chunk.count,
+            inputs=[key0, key1, chunk.first, *jitter, width, length, wp.from_torch(positions)],
+            device=wp.device_from_torch(device),
+        )
+        return positions

@@ -1,0 +1,179 @@
+"""The optical set-up that is not differentiated: Tab. 1 of the N-SfC supplement.
+
+Frame: z points up, the plate's flat bottom face is z = 0, its nominal top is
+z = d, the printed relief h(x, y) sits on top, light comes from above along -z.
+Arrays are indexed [row, column]; row grows with +y, column with +x; sample
+(i, j) sits at the centre of its cell. All quantities are in SI units, and the
+name of each field carries its unit.
+"""
+
+import math
+from typing import Annotated, Literal
+
+import pydantic
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, refractive_index
+
+MIN_PHYSICAL_INDEX, MAX_PHYSICAL_INDEX = 1.0, 4.0
+MAX_LENGTH_M = 10.0
+MAX_PLATE_M = 1.0
+
+
+def _check_index(value: str | float) -> str | float:
+    if isinstance(value, str):
+        return value
+    if not MIN_PHYSICAL_INDEX <= value <= MAX_PHYSICAL_INDEX:
+        raise ValueError(
+            f"refractive index {value:g} is outside {MIN_PHYSICAL_INDEX:g} to {MAX_PHYSICAL_INDEX:g}; "
+            "common glasses lie between 1.45 and 1.9"
+        )
+    return value
+
+
+def _check_wavelength(value: float) -> float:
+    if not MIN_WAVELENGTH_M <= value <= MAX_WAVELENGTH_M:
+        hint = f"; did you mean {value * 1e-9:g} ({value:g} nm)?" if 200 <= value <= 2500 else ""
+        raise ValueError(
+            f"{value:g} m is no wavelength between {MIN_WAVELENGTH_M:g} and {MAX_WAVELENGTH_M:g} m{hint or '; give metres'}"
+        )
+    return value
+
+
+def _check_plate_length(value: float) -> float:
+    if not 0 < value <= MAX_PLATE_M:
+        hint = f"; did you mean {value * 1e-3:g} ({value:g} mm)?" if value > MAX_PLATE_M else ""
+        raise ValueError(f"{value:g} m is not between 0 (exclusive) and {MAX_PLATE_M:g} m{hint or '; give metres'}")
+    return value
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
+PlateLength = Annotated[Finite, AfterValidator(_check_plate_length)]
+Medium = Annotated[str | Finite, AfterValidator(_check_index)]
+
+
+class Scene(BaseModel):
+    """Non-differentiable scene parameters (Tab. 1), validated and immutable.
+
+    Unknown fields are refused. Lengths are metres, angles radians. ``n_l`` and
+    ``s`` of Tab. 1 belong to the simulator, not to the scene.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    height_samples: Annotated[int, Field(ge=2, le=4096, description="n: samples per side of the height map")] = 128
+    image_pixels: Annotated[int, Field(ge=2, le=8192, description="m: pixels per side of the caustic image")] = 512
+    base_thickness_m: PlateLength = 3e-3
+    """d: thickness of the plate without relief [m]."""
+    plate_size_m: tuple[PlateLength, PlateLength] = (0.05, 0.05)
+    """(h_x, h_y): extent of the plate along x and y [m]; the image window has the same size."""
+    wavelengths_m: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64)] = (610e-9, 530e-9, 430e-9)
+    """Wavelengths [m], shape [n_w]; their order is the order of the image channels."""
+    radiosity_W_m2: tuple[Annotated[Finite, Field(ge=0)], ...] = (1.0, 1.0, 1.0)
+    """L_i: irradiance that a flat plate lets through, per wavelength [W/m^2], shape [n_w]."""
+    emission_half_angle_rad: Annotated[Finite, Field(ge=0, lt=math.pi / 2)] = 0.0
+    """alpha: 0 is collimated light; above 0 a point source at ``light_position_m`` lights a cone of this half-angle."""
+    light_position_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 1.0)
+    """L_p: position of the point source [m]; unused for collimated light."""
+    screen_position_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, -1e-6)
+    """S_p: centre of the image window [m]; its z is the plane of the screen, at or below the plate."""
+    glass: Medium = "fused_silica"
+    """Glass of plate and relief: a name or a constant refractive index."""
+    exit_medium: Medium = "air"
+    """Medium between plate and screen: ``"air"``, ``"glass"`` (screen in optical contact), a glass name or an index."""
+
+    @field_validator("glass")
+    @classmethod
+    def _known_glass(cls, value: str | float) -> str | float:
+        if isinstance(value, str) and value not in GLASS_NAMES:
+            raise ValueError(f"glass {value!r} is not known; use one of {', '.join(GLASS_NAMES)} or a number")
+        return value
+
+    @field_validator("exit_medium")
+    @classmethod
+    def _known_exit(cls, value: str | float) -> str | float:
+        known = ("air", "vacuum", "glass", *GLASS_NAMES)
+        if isinstance(value, str) and value not in known:
+            raise ValueError(f"exit medium {value!r} is not known; use one of {', '.join(known)} or a number")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Scene":
+        if len(self.radiosity_W_m2) != len(self.wavelengths_m):
+            raise ValueError(
+                f"{len(self.radiosity_W_m2)} radiosities for {len(self.wavelengths_m)} wavelengths; give one per wavelength"
+            )
+        if sum(self.radiosity_W_m2) == 0:
+            raise ValueError("all radiosities are 0, the image would be black; give at least one above 0")
+        if len(set(self.wavelengths_m)) != len(self.wavelengths_m):
+            raise ValueError(f"wavelengths repeat: {self.wavelengths_m}; give each once")
+        z = self.screen_position_m[2]
+        if not -MAX_LENGTH_M <= z <= 0:
+            where = "inside or above the plate" if z > 0 else "too far away"
+            raise ValueError(
+                f"screen at z = {z:g} m is {where}; the plate's bottom is z = 0, use {-MAX_LENGTH_M:g} to 0, for example -1e-6"
+            )
+        if self.emission_half_angle_rad > 0 and self.light_position_m[2] <= self.base_thickness_m:
+            raise ValueError(
+                f"light at z = {self.light_position_m[2]:g} m is inside or below the plate "
+                f"(top at {self.base_thickness_m:g} m); raise it"
+            )
+        if self.glass_indices.count(1.0):
+            raise ValueError("a glass of index 1 refracts no light; give an index above 1")
+        return self
+
+    @property
+    def n_wavelengths(self) -> int:
+        """n_w, the number of image channels."""
+        return len(self.wavelengths_m)
+
+    @property
+    def is_collimated(self) -> bool:
+        return self.emission_half_angle_rad == 0.0
+
+    @property
+    def plate_area_m2(self) -> float:
+        """A: area of the plate [m^2]."""
+        return self.plate_size_m[0] * self.plate_size_m[1]
+
+    @property
+    def pixel_size_m(self) -> tuple[float, float]:
+        """Extent of an image pixel along x and y [m]."""
+        return self.plate_size_m[0] / self.image_pixels, self.plate_size_m[1] / self.image_pixels
+
+    @property
+    def sample_pitch_m(self) -> tuple[float, float]:
+        """Distance of neighbouring height samples along x and y [m]."""
+        return self.plate_size_m[0] / self.height_samples, self.plate_size_m[1] / self.height_samples
+
+    @property
+    def glass_indices(self) -> tuple[float, ...]:
+        """Refractive index of the plate per wavelength, shape [n_w]."""
+        return tuple(refractive_index(self.glass, w) for w in self.wavelengths_m)
+
+    @property
+    def exit_indices(self) -> tuple[float, ...]:
+        """Refractive index between plate and screen per wavelength, shape [n_w]."""
+        if self.exit_medium == "glass":
+            return self.glass_indices
+        return tuple(refractive_index(self.exit_medium, w) for w in self.wavelengths_m)
+
+
+Placement = Literal["lattice", "stratified", "sobol", "random"]
+
+
+def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[str]:
+    """One readable line per problem of a failed validation: path, reason and offending value."""
+    lines = []
+    for item in error.errors():
+        path = ".".join([prefix] * bool(prefix) + [str(part) for part in item["loc"] if part not in ("float", "str")])
+        message = item["msg"].removeprefix("Value error, ")
+        if item["type"] == "extra_forbidden":
+            message = "unknown key; remove it or check its spelling"
+        elif item["type"] != "value_error":
+            message = f"{message}, got {item['input']!r}"
+        line = f"{path}: {message}" if path else message
+        if line not in lines:
+            lines.append(line)
+    return lines

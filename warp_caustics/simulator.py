@@ -1,0 +1,175 @@
+"""The caustic simulator: heights in, irradiance out, differentiable."""
+
+import numbers
+from typing import Any, Literal
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from warp_caustics.engine import Engine
+from warp_caustics.errors import InputError, ResourceError
+from warp_caustics.photons import PhotonPlan
+from warp_caustics.presets import PRESETS, Preset
+from warp_caustics.scene import Placement, Scene
+
+MAX_SMOOTHING = 1e4
+
+
+class _Simulate(torch.autograd.Function):
+    """Engine.image with Engine.image_adjoint; stores nothing but the heights."""
+
+    @staticmethod
+    def forward(ctx: Any, heights: torch.Tensor, engine: Engine) -> torch.Tensor:
+        ctx.save_for_backward(heights)
+        ctx.engine = engine
+        return engine.image(heights.detach().contiguous())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_image: torch.Tensor) -> tuple[torch.Tensor, None]:
+        (heights,) = ctx.saved_tensors
+        return ctx.engine.image_adjoint(heights.detach().contiguous(), grad_image.contiguous()), None
+
+
+class CausticSimulator:
+    """Simulates the caustic of a printed relief.
+
+    Args:
+        scene: the optical set-up.
+        preset: ``"lattice"`` (deterministic, sharp; the default for reconstruction and
+            training) or ``"paper"`` (1e6 independent random photons, s = 16).
+        n_photons: number of light paths n_l; the preset's if None. Grids round it,
+            see :attr:`n_photons`.
+        smoothing: s, scales the photon footprint; the preset's if None.
+        seed: selects the photon set; no effect on the lattice.
+        device: ``"cpu"``, ``"cuda"``, ``"cuda:1"``.
+        dtype: torch.float32 or torch.float64, of heights and image.
+        placement: overrides the preset's: lattice, stratified, sobol or random.
+        role: photon sets of one seed with different roles are independent.
+
+    Raises:
+        InputError: a value out of range.
+        ResourceError: the device is not there.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        preset: Literal["lattice", "paper"] = "lattice",
+        *,
+        n_photons: int | None = None,
+        smoothing: float | None = None,
+        seed: int = 0,
+        device: str | torch.device = "cpu",
+        dtype: torch.dtype = torch.float32,
+        placement: Placement | None = None,
+        role: str = "",
+    ):
+        if preset not in PRESETS:
+            raise InputError(f"preset {preset!r} is not known; use one of {', '.join(PRESETS)}")
+        defaults: Preset = PRESETS[preset]
+        self.scene = scene
+        self.preset = preset
+        self.seed = _checked_seed(seed)
+        self.smoothing = defaults.smoothing if smoothing is None else _checked_smoothing(smoothing)
+        self.device = usable_device(device)
+        if dtype not in (torch.float32, torch.float64):
+            raise InputError(f"dtype {dtype} is not supported; use torch.float32 or torch.float64")
+        self.dtype = dtype
+        wished = defaults.photons(scene) if n_photons is None else n_photons
+        self.plan = PhotonPlan(scene, placement or defaults.placement, wished, self.seed, role)
+        self.engine = Engine(scene, self.plan, self.smoothing, self.device, dtype)
+
+    @property
+    def n_photons(self) -> int:
+        """n_l: photons actually traced per wavelength."""
+        return self.plan.count
+
+    def __call__(self, heights: torch.Tensor) -> torch.Tensor:
+        """Irradiance on the screen.
+
+        Args:
+            heights: relief above the base [m], shape [n, n] or [B, n, n], of the
+                simulator's dtype and device.
+
+        Returns:
+            Irradiance [W/m^2], shape [n_w, m, m] or [B, n_w, m, m]; a pixel is the
+            mean over its square. Differentiable with respect to the heights.
+
+        Raises:
+            InputError: wrong shape, dtype or device, or heights that are not finite.
+        """
+        batch = self._checked(heights)
+        image: torch.Tensor = _Simulate.apply(batch, self.engine)
+        return image if heights.ndim == 3 else image[0]
+
+    def settings(self) -> dict[str, Any]:
+        """What defines the result, for records and reports."""
+        return {
+            "preset": self.preset,
+            "placement": self.plan.placement,
+            "n_photons": self.n_photons,
+            "smoothing": self.smoothing,
+            "seed": self.seed,
+            "device": str(self.device),
+            "dtype": str(self.dtype).removeprefix("torch."),
+        }
+
+    def _checked(self, heights: torch.Tensor) -> torch.Tensor:
+        n = self.scene.height_samples
+        if not isinstance(heights, torch.Tensor):
+            raise InputError(f"heights are a {type(heights).__name__}; give a torch tensor (torch.from_numpy)")
+        if heights.ndim not in (2, 3) or tuple(heights.shape[-2:]) != (n, n) or 0 in heights.shape:
+            raise InputError(
+                f"heights have shape {list(heights.shape)}, the scene needs [{n}, {n}] or [B, {n}, {n}]; "
+                "resample them or set height_samples"
+            )
+        if heights.dtype != self.dtype:
+            raise InputError(f"heights are {heights.dtype}, the simulator {self.dtype}; convert with .to({self.dtype})")
+        if heights.device.type != self.device.type:
+            raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
+        finite = torch.isfinite(heights)
+        if not bool(finite.all()):
+            where = (~finite).nonzero()[0].tolist()
+            raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")
+        lowest = float(heights.detach().min())
+        if lowest <= -self.scene.base_thickness_m:
+            raise InputError(
+                f"height {lowest:g} m cuts through the plate of {self.scene.base_thickness_m:g} m; "
+                "heights are above the base, in metres"
+            )
+        return heights if heights.ndim == 3 else heights[None]
+
+
+def usable_device(device: str | torch.device) -> torch.device:
+    """The torch device of that name.
+
+    Raises:
+        InputError: not a device name this package can use.
+        ResourceError: the machine has no such device.
+    """
+    try:
+        found = torch.device(device)
+    except RuntimeError as error:
+        raise InputError(f"device {device!r} is not known; use cpu, cuda or cuda:N") from error
+    if found.type not in ("cpu", "cuda"):
+        raise InputError(f"device {device!r} is not supported; use cpu, cuda or cuda:N")
+    if found.type == "cuda":
+        count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        index = found.index or 0
+        if index >= count:
+            raise ResourceError(f"device {device} is missing, {count} CUDA devices found; use --device cpu")
+        found = torch.device("cuda", index)
+    return found
+
+
+def _checked_smoothing(smoothing: float) -> float:
+    if not isinstance(smoothing, numbers.Real) or not 0 <= float(smoothing) <= MAX_SMOOTHING:
+        raise InputError(f"smoothing {smoothing!r} is not between 0 and {MAX_SMOOTHING:g}; the paper uses 16")
+    return float(smoothing)
+
+
+def _checked_seed(seed: int) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, numbers.Integral) or not 0 <= int(seed) < 2**63:
+        raise InputError(f"seed {seed!r} is not a whole number between 0 and 2^63 - 1")
+    return int(seed)
