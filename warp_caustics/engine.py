@@ -92,6 +92,13 @@ class Engine:
         optics.cos_cone = math.cos(scene.emission_half_angle_rad)
         return optics
 
+    @cached_property
+    def in_double_precision(self) -> "Engine":
+        """The same engine in float64."""
+        if self.dtype == torch.float64:
+            return self
+        return Engine(self.scene, self.plan, self.smoothing, self.device, torch.float64)
+
     # -- the linear stage -------------------------------------------------------------------------------------
 
     def coefficients(self, heights: torch.Tensor) -> torch.Tensor:

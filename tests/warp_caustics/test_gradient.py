@@ -1,0 +1,166 @@
+"""The gradient: finite differences, oracle, tape, torch, precision, batches."""
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from warp_caustics import CausticSimulator, Scene
+from warp_caustics.engine import CHUNK_BYTES
+from warp_caustics.oracle import oracle_image
+from warp_caustics.tape import simulate_on_tape
+
+SCENES = {
+    "contact": Scene(height_samples=10, image_pixels=20, exit_medium="glass"),
+    "air_near": Scene(height_samples=10, image_pixels=20),
+    "air_far": Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02)),
+    "point": Scene(
+        height_samples=10,
+        image_pixels=20,
+        plate_size_m=(0.05, 0.04),
+        light_position_m=(4e-3, 2e-3, 0.1),
+        emission_half_angle_rad=0.9,
+        screen_position_m=(0, 0, -5e-3),
+    ),
+}
+PLACEMENTS = ["lattice", "stratified", "sobol", "random"]
+
+
+def bumpy_heights(n=10, seed=0, amplitude=2e-4):
+    """A relief with slopes to about 0.2: folds a far caustic, loses no light to total reflection."""
+    generator = torch.Generator().manual_seed(seed)
+    return amplitude * torch.randn(n, n, generator=generator, dtype=torch.float64).abs()
+
+
+def random_image(scene, seed=1):
+    generator = torch.Generator().manual_seed(seed)
+    shape = scene.n_wavelengths, scene.image_pixels, scene.image_pixels
+    return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+
+def make(scene, placement="lattice", n_photons=900, smoothing=6.0, **kwargs):
+    kwargs.setdefault("dtype", torch.float64)
+    return CausticSimulator(scene, placement=placement, n_photons=n_photons, smoothing=smoothing, **kwargs)
+
+
+def gradient(simulator, heights, weights):
+    leaf = heights.clone().requires_grad_()
+    image = simulator(leaf)
+    (image * weights).sum().backward()
+    return image.detach(), leaf.grad
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("placement", ["lattice", "random"])
+def test_gradient_matches_central_differences(name, placement):
+    """Along 32 random directions, to 1e-5 relative."""
+    scene, heights = SCENES[name], bumpy_heights()
+    simulator, weights = make(scene, placement), random_image(scene)
+    _, grad = gradient(simulator, heights, weights)
+    generator = torch.Generator().manual_seed(2)
+    analytic, numeric = [], []
+    step = 1e-9
+    for _ in range(32):
+        direction = torch.randn(10, 10, generator=generator, dtype=torch.float64)
+        plus, minus = (simulator(heights + sign * step * direction) for sign in (1, -1))
+        numeric.append(float(((plus - minus) * weights).sum()) / (2 * step))
+        analytic.append(float((grad * direction).sum()))
+    analytic, numeric = np.array(analytic), np.array(numeric)
+    assert np.abs(analytic - numeric).max() <= 1e-5 * np.abs(numeric).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_image_and_gradient_match_the_oracle(name, placement):
+    """Torch route against the float64 oracle, to 1e-8 of the largest value."""
+    scene, heights = SCENES[name], bumpy_heights()
+    simulator, weights = make(scene, placement, n_photons=400), random_image(scene)
+    image, grad = gradient(simulator, heights, weights)
+    ((_, positions),) = simulator.engine.chunks(1)
+    leaf = heights.clone().requires_grad_()
+    expected = oracle_image(leaf, scene, positions, simulator.smoothing)
+    (expected * weights).sum().backward()
+    assert_close(image, expected.detach(), 1e-8)
+    assert_close(grad, leaf.grad, 1e-8)
+
+
+def assert_close(found, expected, relative):
+    """Largest difference within a fraction of the largest expected value."""
+    assert float((found - expected).abs().max()) <= relative * float(expected.abs().max())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_tape_equals_torch(name):
+    """Tape and torch routes agree to 1e-12, image and gradient."""
+    scene, heights = SCENES[name], bumpy_heights()
+    simulator, weights = make(scene), random_image(scene)
+    image, grad = gradient(simulator, heights, weights)
+    on_tape = wp.array(heights[None].numpy(), dtype=wp.float64, device="cpu", requires_grad=True)
+    tape = wp.Tape()
+    with tape:
+        recorded = simulate_on_tape(tape, simulator, on_tape)
+    tape.backward(grads={recorded: wp.array(weights[None].numpy(), dtype=wp.float64, device="cpu")})
+    assert_close(torch.from_numpy(recorded.numpy()[0]), image, 1e-12)
+    assert_close(torch.from_numpy(on_tape.grad.numpy()[0]), grad, 1e-12)
+
+
+def test_torch_gradcheck():
+    """torch.autograd.gradcheck through the whole simulation of a 4 x 4 relief."""
+    scene = Scene(height_samples=4, image_pixels=6, wavelengths_m=(530e-9,), radiosity_W_m2=(1.0,))
+    simulator = make(scene, n_photons=100, smoothing=4.0)
+    heights = (bumpy_heights(4) * 1e3).requires_grad_()  # in millimetres, so that steps of 1e-6 are small
+    assert torch.autograd.gradcheck(lambda mm: simulator(mm * 1e-3), heights, eps=1e-6, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_float32_agrees_with_float64(name):
+    """Relative error of image and gradient at most 1e-3."""
+    scene, heights, weights = SCENES[name], bumpy_heights(), random_image(SCENES[name])
+    expected = gradient(make(scene), heights, weights)
+    found = gradient(make(scene, dtype=torch.float32), heights.float(), weights.float())
+    for single, double in zip(found, expected, strict=True):
+        assert float((single - double).norm()) <= 1e-3 * float(double.norm())
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_batch_of_three_equals_three_singles(placement):
+    """Image and gradient of a batch are those of its members."""
+    scene = SCENES["air_far"]
+    simulator, weights = make(scene, placement), random_image(scene)
+    stack = torch.stack([bumpy_heights(seed=k) for k in range(3)])
+    images, grads = gradient(simulator, stack, weights)
+    for k in range(3):
+        image, grad = gradient(simulator, stack[k], weights)
+        assert_close(images[k], image, 1e-13)
+        assert_close(grads[k], grad, 1e-12)
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_chunks_change_nothing(placement, monkeypatch):
+    """Many small chunks give what one chunk gives: memory is bounded, the result is not."""
+    scene, heights = SCENES["point"], bumpy_heights()
+    weights = random_image(scene)
+    whole = gradient(make(scene, placement), heights, weights)
+    monkeypatch.setitem(CHUNK_BYTES, "cpu", 24 * 8 * 37)
+    simulator = make(scene, placement)
+    assert len(list(simulator.engine.chunks(1))) > 10
+    for found, expected in zip(gradient(simulator, heights, weights), whole, strict=True):
+        assert_close(found, expected, 1e-12)
+
+
+def test_second_backward_equals_first():
+    """No stale accumulation between calls."""
+    scene, heights = SCENES["contact"], bumpy_heights()
+    simulator, weights = make(scene, "random"), random_image(scene)
+    first, second = (gradient(simulator, heights, weights)[1] for _ in range(2))
+    assert torch.equal(first, second)
+
+
+def test_gradient_is_finite_where_light_is_lost():
+    """Total reflection and paths beside the screen leave no NaN."""
+    scene = Scene(height_samples=10, image_pixels=20, screen_position_m=(0, 0, -0.05))
+    heights = bumpy_heights(amplitude=4e-3)
+    image, grad = gradient(make(scene), heights, random_image(scene))
+    assert torch.isfinite(image).all()
+    assert torch.isfinite(grad).all()
+    assert grad.abs().max() > 0

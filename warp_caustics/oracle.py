@@ -1,0 +1,154 @@
+"""The same model in plain torch, float64, slow and simple: what every kernel is checked against.
+
+Written to be read, and independently of the kernels: the spline from its
+definition, Snell's law with normalised vectors, the Jacobian of the map by
+automatic differentiation, every footprint evaluated on every pixel. Memory
+grows with photons x pixels: use tiny scenes.
+"""
+
+import math
+
+import torch
+
+from warp_caustics.engine import MAX_SIGMA_FRACTION, MIN_SIGMA_PX, footprint_sigma_m
+from warp_caustics.kernels.splat import BOX_VARIANCE, NORMALISATION, REACH, WIDENING
+from warp_caustics.scene import Scene
+
+_EXTENSION = 24
+
+
+def spline_coefficients(heights: torch.Tensor) -> torch.Tensor:
+    """Interpolating spline coefficients of edge-extended heights [n, n] -> [n + 48, n + 48]."""
+    n = heights.shape[0]
+    index = torch.clamp(torch.arange(-_EXTENSION, n + _EXTENSION), 0, n - 1)
+    extended = heights[index][:, index]
+    size = len(index)
+    matrix = torch.eye(size, dtype=torch.float64) * (4 / 6)
+    matrix += torch.diag(torch.full((size - 1,), 1 / 6, dtype=torch.float64), 1)
+    matrix += torch.diag(torch.full((size - 1,), 1 / 6, dtype=torch.float64), -1)
+    # Beyond the extension the coefficients equal the constant edge value.
+    matrix[0, 0] += 1 / 6
+    matrix[-1, -1] += 1 / 6
+    return torch.linalg.solve(matrix, torch.linalg.solve(matrix, extended).T).T
+
+
+def spline_basis(u: torch.Tensor) -> torch.Tensor:
+    """Centred cubic B-spline, sum_k (-1)^k binom(4, k) (u + 2 - k)_+^3 / 6."""
+    return sum((-1) ** k * math.comb(4, k) * torch.relu(u + 2 - k) ** 3 / 6 for k in range(5))  # type: ignore[return-value]
+
+
+def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """h at a point (x, y) [m], shape [2] -> scalar [m]."""
+    n = scene.height_samples
+    index = torch.arange(coefficients.shape[0], dtype=torch.float64) - _EXTENSION
+    u = (point[0] / scene.plate_size_m[0] + 0.5) * n - 0.5
+    v = (point[1] / scene.plate_size_m[1] + 0.5) * n - 0.5
+    return spline_basis(v - index) @ coefficients @ spline_basis(u - index)
+
+
+def screen_position(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
+    """Where the path through a point of the relief meets the screen [m], shape [2] -> [2]; NaN if reflected."""
+    height = surface_height(point, coefficients, scene)
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
+    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
+    normal = normal / torch.linalg.vector_norm(normal)
+    direction = incident_direction(position, scene)
+    inside = refract(direction, normal, 1.0, scene.glass_indices[channel])
+    position = position + inside * (position[2] / -inside[2])
+    upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    outside = refract(inside, upward, scene.glass_indices[channel], scene.exit_indices[channel])
+    position = position + outside * ((position[2] - scene.screen_position_m[2]) / -outside[2])
+    return position[:2]
+
+
+def incident_direction(position: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """Unit direction of the light at a position [m], shape [3]."""
+    if scene.is_collimated:
+        return torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
+    ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
+    return ray / torch.linalg.vector_norm(ray)
+
+
+def refract(direction: torch.Tensor, normal: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
+    """Snell's law for unit vectors, normal against the light; NaN at total reflection."""
+    eta = n_before / n_behind
+    cos_in = -(direction @ normal)
+    cos_out = torch.sqrt(1 - eta**2 * (1 - cos_in**2))
+    return eta * direction + (eta * cos_in - cos_out) * normal
+
+
+def path_weight(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """Irradiance on the (x, y) plane per unit radiosity at a point of the relief."""
+    if scene.is_collimated:
+        return torch.ones((), dtype=torch.float64)
+    height = surface_height(point, coefficients, scene)
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
+    ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
+    distance = torch.linalg.vector_norm(ray)
+    facing = -(ray @ torch.cat([-slope, torch.ones(1, dtype=torch.float64)])) / distance
+    nominal = scene.light_position_m[2] - scene.base_thickness_m
+    in_cone = -ray[2] / distance >= math.cos(scene.emission_half_angle_rad)
+    return torch.where(in_cone, torch.relu(facing) * (nominal / distance) ** 2, torch.zeros_like(facing))
+
+
+def truncated_normal(t: torch.Tensor) -> torch.Tensor:
+    """Distribution function of a Gaussian of unit variance that ends at REACH standard deviations."""
+    scaled = torch.clamp(t / math.sqrt(WIDENING), -REACH, REACH)
+    return 0.5 + NORMALISATION * (torch.special.ndtr(scaled) - 0.5)
+
+
+def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int) -> torch.Tensor:
+    """Integral of Gaussians over all pixels by the rule of ``kernels/splat.py``, without a window.
+
+    Args:
+        centre: (column, row) [px], shape [N, 2].
+        covariance: [px^2], shape [N, 2, 2].
+        pixels: m.
+
+    Returns:
+        Shape [N, m, m].
+    """
+    var_x, cov, var_y = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    edges = torch.arange(pixels + 1, dtype=torch.float64)
+    rows = truncated_normal((edges - centre[:, 1, None]) / var_y.sqrt()[:, None]).diff(dim=1)
+    beta = cov / (var_y + BOX_VARIANCE)
+    row_centre = centre[:, 0, None] + beta[:, None] * (edges[:-1] + 0.5 - centre[:, 1, None])
+    sigma = (var_x - beta * cov).sqrt()
+    columns = truncated_normal((edges - row_centre[:, :, None]) / sigma[:, None, None]).diff(dim=2)
+    return rows[:, :, None] * columns
+
+
+def oracle_image(
+    heights: torch.Tensor, scene: Scene, positions: torch.Tensor, smoothing: float, n_photons: int | None = None
+) -> torch.Tensor:
+    """Irradiance [n_w, m, m] [W/m^2] of heights [n, n] [m] from photons at positions [N, 2] [m].
+
+    Differentiable by autograd. ``n_photons`` is n_l if the positions are only a part of all photons.
+    """
+    count = n_photons or len(positions)
+    coefficients = spline_coefficients(heights.to(torch.float64))
+    pixel = torch.tensor(scene.pixel_size_m, dtype=torch.float64)
+    window = torch.tensor(scene.screen_position_m[:2], dtype=torch.float64)
+    corner = window - torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2
+    sigma0 = footprint_sigma_m(scene, smoothing, count)
+    share = scene.plate_area_m2 / count / float(pixel.prod())
+    weight = torch.vmap(lambda p: path_weight(p, coefficients, scene))(positions) * share
+    channels = []
+    for c in range(scene.n_wavelengths):
+
+        def landing(p: torch.Tensor, channel: int = c) -> torch.Tensor:
+            return screen_position(p, coefficients, scene, channel)
+
+        centre = (torch.vmap(landing)(positions) - corner) / pixel
+        jacobian = torch.vmap(torch.func.jacfwd(landing))(positions) / pixel[:, None] * sigma0
+        covariance = jacobian @ jacobian.transpose(1, 2)
+        trace = covariance.diagonal(dim1=1, dim2=2).sum(1)
+        largest = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
+        covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
+        covariance = covariance + MIN_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
+        keep = torch.isfinite(centre).all(1) & (weight > 0)
+        shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels)
+        channels.append(torch.einsum("p,pij->ij", weight[keep], shares) * scene.radiosity_W_m2[c])
+    return torch.stack(channels)

@@ -1,0 +1,1 @@
+"""Methods that recover a relief from its caustic, behind one interface."""
