@@ -17,9 +17,9 @@ from typing import Any
 import torch
 import warp as wp
 
-from warp_caustics.height_field import MARGIN, basis_matrix, cell_centres, prefilter_matrix, sample_coordinate
+from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
-from warp_caustics.kernels.splat import splat_kernels
+from warp_caustics.kernels.splat import REACH, WIDENING, splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
 from warp_caustics.photons import Chunk, PhotonPlan
@@ -44,6 +44,11 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     a disc of radius s sqrt(A / (pi n_l)).
     """
     return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
+
+
+def margin_cells(smoothing: float) -> int:
+    """Lattice cells that a footprint of a flat plate reaches."""
+    return math.ceil(REACH * math.sqrt(WIDENING) * smoothing / math.sqrt(8 * math.pi))
 
 
 class Engine:
@@ -112,10 +117,10 @@ class Engine:
     @cached_property
     def _lattice_matrices(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
         """Value, first and second derivative along y [rows, n + 4] and along x [columns, n + 4]."""
-        n, plan = self.scene.height_samples, self.plan
+        n = self.scene.height_samples
         both = []
-        for cells, length in zip((plan.rows, plan.columns), reversed(self.scene.plate_size_m), strict=True):
-            u = sample_coordinate(cell_centres(cells, length), n, length)
+        for positions, length in zip((self.plan.grid_y, self.plan.grid_x), self.scene.plate_size_m[::-1], strict=True):
+            u = sample_coordinate(positions, n, length)
             both.append([self._tensor(basis_matrix(n, u, k) * (n / length) ** k) for k in range(3)])
         return both[0], both[1]
 
@@ -129,7 +134,7 @@ class Engine:
         along_y, along_x = self._lattice_matrices
         a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows] for matrix in along_y)
         t0, t1, t2 = (coefficients @ matrix.T for matrix in along_x)
-        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.columns)
+        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.grid_columns)
         for k, (a, t) in enumerate(((a0, t0), (a0, t1), (a1, t0), (a0, t2), (a1, t1), (a2, t0))):
             planes[:, k] = a @ t
         return maps
@@ -156,7 +161,7 @@ class Engine:
         along_y, along_x = self._lattice_matrices
         a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows].T for matrix in along_y)
         b0, b1, b2 = along_x
-        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
+        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.grid_columns)
         through_value = a0 @ g[:, 0] + a1 @ g[:, 2] + a2 @ g[:, 5]
         through_slope = a0 @ g[:, 1] + a1 @ g[:, 4]
         through_curvature = a0 @ g[:, 3]

@@ -38,11 +38,13 @@ def spline_basis(u: torch.Tensor) -> torch.Tensor:
 
 
 def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
-    """h at a point (x, y) [m], shape [2] -> scalar [m]."""
+    """h at a point (x, y) [m], shape [2] -> scalar [m]; beyond the plate that of its edge."""
     n = scene.height_samples
     index = torch.arange(coefficients.shape[0], dtype=torch.float64) - _EXTENSION
-    u = (point[0] / scene.plate_size_m[0] + 0.5) * n - 0.5
-    v = (point[1] / scene.plate_size_m[1] + 0.5) * n - 0.5
+    # Shifted by a constant instead of clamped, so that slopes and curvatures of the edge stay too.
+    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)
+    inside = point - (point - torch.clamp(point, -size / 2, size / 2)).detach()
+    u, v = (inside / size + 0.5) * n - 0.5
     return spline_basis(v - index) @ coefficients @ spline_basis(u - index)
 
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import torch
 from torch.autograd.function import once_differentiable
 
-from warp_caustics.engine import Engine
+from warp_caustics.engine import Engine, margin_cells
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.photons import PhotonPlan
 from warp_caustics.presets import PRESETS, Preset
@@ -77,7 +77,9 @@ class CausticSimulator:
             raise InputError(f"dtype {dtype} is not supported; use torch.float32 or torch.float64")
         self.dtype = dtype
         wished = defaults.photons(scene) if n_photons is None else n_photons
-        self.plan = PhotonPlan(scene, placement or defaults.placement, wished, self.seed, role)
+        placement = placement or defaults.placement
+        margin = margin_cells(self.smoothing) if placement == "lattice" else 0
+        self.plan = PhotonPlan(scene, placement, wished, self.seed, role, margin)
         self.engine = Engine(scene, self.plan, self.smoothing, self.device, dtype)
 
     @property

@@ -78,7 +78,7 @@ def test_image_and_gradient_match_the_oracle(name, placement):
     image, grad = gradient(simulator, heights, weights)
     ((_, positions),) = simulator.engine.chunks(1)
     leaf = heights.clone().requires_grad_()
-    expected = oracle_image(leaf, scene, positions, simulator.smoothing)
+    expected = oracle_image(leaf, scene, positions, simulator.smoothing, simulator.n_photons)
     (expected * weights).sum().backward()
     assert_close(image, expected.detach(), 1e-8)
     assert_close(grad, leaf.grad, 1e-8)

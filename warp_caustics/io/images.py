@@ -10,6 +10,7 @@ Not handled: tone curves other than sRGB (export linear data), colour profiles
 (reported, not applied), and HDF5 files crafted to crash the HDF5 library.
 """
 
+import codecs
 import contextlib
 import io
 import json
@@ -110,6 +111,15 @@ class Decoded:
 # --------------------------------------------------------------------------- which format
 
 
+def _is_text(head: bytes) -> bool:
+    try:
+        # Incremental, because the head may end within a character.
+        text = codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return False
+    return all(character.isprintable() or character.isspace() for character in text)
+
+
 def sniff_format(path: Path) -> tuple[str, list[str]]:
     """Format by the first bytes of a file, and a note where its suffix claims another.
 
@@ -128,8 +138,7 @@ def sniff_format(path: Path) -> tuple[str, list[str]]:
     if head[4:8] == b"ftyp":
         refused = "HEIC, AVIF or a raw camera file"
     if refused is None:
-        is_text = all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
-        refused = "text" if is_text else "in none of the known formats"
+        refused = "text" if _is_text(head) else "in none of the known formats"
     raise InputError(f"{name} is {refused}; export a linear 16-bit TIFF or PNG, or give EXR, NPY, NPZ or HDF5")
 
 
@@ -189,7 +198,9 @@ def _npz_arrays(path: Path, key: str, check: Callable[[Sequence[int]], None]) ->
         with zipfile.ZipFile(path) as archive:
             keys = [member.removesuffix(".npy") for member in archive.namelist()]
             if key not in keys:
-                raise InputError(f"{name} has no array {key!r} but {', '.join(keys[:8]) or 'nothing'}; name one of them")
+                raise InputError(
+                    f"{name} has no array {key!r} but {', '.join(keys[:8]) or 'nothing'}; name one of them"
+                )
             with archive.open(f"{key}.npy") as stream:
                 array = _npy_array(stream, f"{name} {key}", check)
             description: dict[str, Any] = {}
@@ -437,7 +448,9 @@ def _check_tiff_segments(page: Any, name: str, max_pixels: int) -> None:
     check_pixels(name, page.shape, max_pixels)
     tile = page.tilewidth * page.tilelength
     if page.is_tiled and tile > max(4 * page.imagewidth * page.imagelength, 1 << 22):
-        raise InputError(f"{name} has tiles of {page.tilewidth} x {page.tilelength}, larger than itself; export it again")
+        raise InputError(
+            f"{name} has tiles of {page.tilewidth} x {page.tilelength}, larger than itself; export it again"
+        )
     offsets, counts = page.dataoffsets, page.databytecounts
     end = page.parent.filehandle.size
     inside = all(o > 0 and c > 0 and o + c <= end for o, c in zip(offsets, counts, strict=True))

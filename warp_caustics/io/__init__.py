@@ -1,0 +1,25 @@
+"""Files in and out: images, captures, height maps and meshes.
+
+Everything read is checked first and refused with one clear line; everything
+written appears complete or not at all. Importing this package loads no codec.
+"""
+
+from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.capture import Capture, capture_to_irradiance, estimate_noise_std
+from warp_caustics.io.heights import read_heights, write_heights
+from warp_caustics.io.images import ImageFile, read_image, write_image
+from warp_caustics.io.mesh import height_field_mesh, write_mesh
+
+__all__ = [
+    "Capture",
+    "ImageFile",
+    "atomic_path",
+    "capture_to_irradiance",
+    "estimate_noise_std",
+    "height_field_mesh",
+    "read_heights",
+    "read_image",
+    "write_heights",
+    "write_image",
+    "write_mesh",
+]

@@ -1,0 +1,153 @@
+"""Height maps in and out: metres, one sample per cell centre, [row, column].
+
+A height map is the relief above the plate's base. Files carry no geometry:
+the plate's size comes from the scene. Half floats and integers are refused,
+because 16-bit floats step by 2 um at 2 mm of relief.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from warp_caustics.errors import InputError
+from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
+from warp_caustics.io.images import MAX_PIXELS, Array, Decoded, read_array, read_tiff, sniff_format
+
+MAX_HEIGHT_M = 0.1
+"""Relief above 10 cm is no print but a unit mistake."""
+
+_KEY = "heights_m"
+_SUFFIXES = (".npy", ".npz", ".tif", ".tiff", ".h5", ".hdf5")
+
+
+def _likely_unit(highest: float) -> str:
+    for unit, metres in (("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9)):
+        if highest * metres <= MAX_HEIGHT_M:
+            return f"; did you mean {highest:.4g} {unit}? multiply by {metres:g}"
+    return "; give metres"
+
+
+def _check_shape(name: str, shape: Sequence[int], batch: bool) -> None:
+    axes = "[B, n, n]" if batch else "[n, n]"
+    if len(shape) != (3 if batch else 2) or shape[-1] != shape[-2]:
+        hint = "; read it with batch=True" if not batch and len(shape) == 3 and shape[-1] == shape[-2] else ""
+        raise InputError(f"{name} has shape {tuple(shape)}; give a square height map {axes}{hint}")
+    if shape[-1] < 2 or shape[0] < 1:
+        raise InputError(f"{name} has shape {tuple(shape)}; give at least 2 x 2 samples")
+    if shape[-1] ** 2 > MAX_PIXELS or (batch and shape[0] * shape[-1] ** 2 > 64 * MAX_PIXELS):
+        raise InputError(f"{name} claims shape {tuple(shape)}; at most {MAX_PIXELS:.3g} samples are read, crop it")
+
+
+def _checked_heights(array: Array, name: str, batch: bool) -> npt.NDArray[np.float64]:
+    if array.dtype == np.float16:
+        raise InputError(f"{name} holds 16-bit floats, which step by 2 um at 2 mm; save float32 or float64")
+    if array.dtype.kind != "f":
+        raise InputError(f"{name} holds {array.dtype}, not heights in metres; save float32 or float64")
+    _check_shape(name, array.shape, batch)
+    heights = np.ascontiguousarray(array, dtype=np.float64)
+    bad = ~np.isfinite(heights)
+    if bad.any():
+        index = tuple(int(i) for i in np.unravel_index(int(bad.argmax()), bad.shape))
+        raise InputError(
+            f"{name}: {int(bad.sum())} heights are NaN or infinite, first {heights[index]} at {list(index)}; repair them"
+        )
+    highest = float(np.abs(heights).max())
+    if highest > MAX_HEIGHT_M:
+        raise InputError(f"{name}: height {highest:.4g} m is above {MAX_HEIGHT_M:g} m{_likely_unit(highest)}")
+    return heights
+
+
+def read_heights(path: PathLike, *, dataset: str | None = None, batch: bool = False) -> npt.NDArray[np.float64]:
+    """Read a height map.
+
+    Args:
+        path: NPY, NPZ, float TIFF or HDF5 file; its content tells which.
+        dataset: array in NPZ or HDF5, ``heights_m`` if not given.
+        batch: expect several maps, shape [B, n, n]; not in TIFF.
+
+    Returns:
+        Relief above the base [m], float64, shape [n, n] or [B, n, n].
+
+    Raises:
+        InputError: not a finite, square, real map of plausible metres, or an unusable path or format.
+        DamagedDataError: a truncated or corrupt file.
+    """
+    path = regular_file(path)
+    name = repr(str(path))
+    format_, _ = sniff_format(path)
+    if format_ not in ("npy", "npz", "tiff", "hdf5"):
+        raise InputError(f"{name} is {format_}, which holds pictures; give heights as NPY, NPZ, float TIFF or HDF5")
+    if dataset is not None and format_ not in ("npz", "hdf5"):
+        raise InputError(f"{name} is {format_}, which has no datasets; leave dataset={dataset!r} out")
+    if format_ == "tiff":
+        decoded = _one_layer(read_tiff(path, None, MAX_PIXELS), name)
+    else:
+        decoded = read_array(path, format_, dataset or _KEY, lambda shape: _check_shape(name, shape, batch))
+    unit = decoded.description.get("units", "m")
+    if unit != "m":
+        raise InputError(f"{name} records the unit {unit!r}; give heights in metres")
+    return _checked_heights(decoded.array, name, batch)
+
+
+def _one_layer(decoded: Decoded, name: str) -> Decoded:
+    if len(decoded.array) != 1:
+        raise InputError(f"{name} has {len(decoded.array)} channels; give one channel of heights in metres")
+    decoded.array = decoded.array[0]
+    return decoded
+
+
+def _write_tiff(path: Path, heights: npt.NDArray[np.float64]) -> None:
+    import tifffile
+
+    tifffile.imwrite(
+        path,
+        heights.astype(np.float32),
+        photometric="minisblack",
+        compression="zlib",
+        metadata=None,
+        description=json.dumps({"software": "nsfc", "quantity": _KEY, "units": "m", "axes": "row, column"}),
+        software="nsfc",
+    )
+
+
+def _write_hdf5(path: Path, heights: npt.NDArray[np.float64]) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset(_KEY, data=heights, compression="gzip", shuffle=True, fletcher32=True)
+        data.attrs["units"] = "m"
+
+
+def write_heights(path: PathLike, heights_m: npt.ArrayLike) -> None:
+    """Write a height map; it appears complete or not at all.
+
+    NPY, NPZ and HDF5 keep float64; TIFF is float32 (0.2 nm at 2 mm).
+
+    Args:
+        path: .npy, .npz, .tif, .tiff, .h5 or .hdf5.
+        heights_m: relief above the base [m], shape [n, n] or, not for TIFF, [B, n, n].
+
+    Raises:
+        InputError: unknown suffix, or no finite, square, real map of plausible metres.
+        ResourceError: the disk is full.
+    """
+    suffix = Path(os.fspath(path)).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise InputError(f"suffix {suffix!r} of {os.fspath(path)!r} is not known; use one of {', '.join(_SUFFIXES)}")
+    array = np.asarray(heights_m)
+    heights = _checked_heights(array, "the height map", batch=array.ndim == 3)
+    if heights.ndim == 3 and suffix in (".tif", ".tiff"):
+        raise InputError(f"TIFF takes one height map, not {len(heights)}; write .npy, .npz or .h5")
+    with atomic_path(path) as temporary:
+        if suffix == ".npy":
+            np.save(temporary, heights, allow_pickle=False)
+        elif suffix == ".npz":
+            np.savez_compressed(temporary, allow_pickle=False, **{_KEY: heights})
+        elif suffix in (".tif", ".tiff"):
+            _write_tiff(temporary, heights)
+        else:
+            _write_hdf5(temporary, heights)
