@@ -10,8 +10,9 @@ storing them.
 
 import contextlib
 import math
-from collections.abc import Iterator
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
 from typing import Any
 
 import torch
@@ -35,6 +36,18 @@ exit they grow without bound, and so would the work."""
 
 CHUNK_BYTES = {"cpu": 64 * 2**20, "cuda": 2**30}
 """Footprint records and maps held at a time."""
+
+CPU_SLOTS = 8
+"""Private sums on the CPU; more would use more cores, each costs an image of memory and one addition."""
+
+MIN_CHUNK_PHOTONS = 2048
+"""Smaller CPU chunks would cost more to start than to compute."""
+
+
+@cache
+def _thread_pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=min(CPU_SLOTS, torch.get_num_threads()), thread_name_prefix="caustics")
+
 
 
 def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
@@ -264,34 +277,72 @@ class Engine:
 
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
         """Chunks of photons that fit CHUNK_BYTES for a batch of height fields, with their positions [N, 2]."""
-        per_photon = batch * (len(MAP_NAMES) + self.scene.n_wavelengths * len(RECORD_NAMES)) * self.dtype.itemsize
-        limit = max(1, CHUNK_BYTES[self.device.type] // per_photon)
-        for chunk in self.plan.chunks(limit):
+        for chunk in self.plan.chunks(self._chunk_photons(batch)):
             yield chunk, self.plan.positions(chunk, self.dtype, self.device)
+
+    def _chunk_photons(self, batch: int) -> int:
+        per_photon = batch * (len(MAP_NAMES) + self.scene.n_wavelengths * len(RECORD_NAMES)) * self.dtype.itemsize
+        return max(1, CHUNK_BYTES[self.device.type] // per_photon)
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
         m = self.scene.image_pixels
-        image = heights.new_zeros(heights.shape[0], self.scene.n_wavelengths, m, m)
-        with self.stream():
-            coefficients = self.coefficients(heights)
-            for chunk, positions in self.chunks(heights.shape[0]):
-                maps = self.maps(coefficients, chunk, positions)
-                self.splat(self.records(maps, positions), image)
-        return image
+        shape = heights.shape[0], self.scene.n_wavelengths, m, m
+        coefficients = self.coefficients(heights)
+
+        def add(image: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> None:
+            maps = self.maps(coefficients, chunk, positions)
+            self.splat(self.records(maps, positions), image)
+
+        return self._sum_over_chunks(shape, add)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
-        with self.stream():
-            coefficients = self.coefficients(heights)
-            grad = torch.zeros_like(coefficients)
-            for chunk, positions in self.chunks(heights.shape[0]):
-                maps = self.maps(coefficients, chunk, positions)
-                records = self.records(maps, positions)
-                grad_records = self.splat_adjoint(records, grad_image)
-                grad_maps = self.records_adjoint(maps, positions, records, grad_records)
-                grad += self.maps_adjoint(coefficients, chunk, positions, grad_maps)
-            return self.coefficients_adjoint(grad)
+        coefficients = self.coefficients(heights)
+
+        def add(grad: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> None:
+            maps = self.maps(coefficients, chunk, positions)
+            records = self.records(maps, positions)
+            grad_records = self.splat_adjoint(records, grad_image)
+            grad_maps = self.records_adjoint(maps, positions, records, grad_records)
+            grad += self.maps_adjoint(coefficients, chunk, positions, grad_maps)
+
+        return self.coefficients_adjoint(self._sum_over_chunks(tuple(coefficients.shape), add))
+
+    def _sum_over_chunks(
+        self, shape: tuple[int, ...], add: Callable[[torch.Tensor, Chunk, torch.Tensor], None]
+    ) -> torch.Tensor:
+        """Sum of what ``add`` puts into a zero tensor for every chunk of photons.
+
+        A CPU launch of Warp runs on one core, so chunks go to a fixed number of
+        slots with a private sum each, and slots to threads. The slots are added
+        in order: the result does not depend on the number of cores.
+        """
+        batch = shape[0]
+        if self.device.type == "cuda":
+            with self.stream():
+                total = torch.zeros(shape, dtype=self.dtype, device=self.device)
+                for chunk in self.plan.chunks(self._chunk_photons(batch)):
+                    add(total, chunk, self.plan.positions(chunk, self.dtype, self.device))
+                return total
+        share = max(MIN_CHUNK_PHOTONS, -(-self.plan.traced // CPU_SLOTS))
+        limit = min(self._chunk_photons(batch), share)
+        chunks = list(self.plan.chunks(limit))
+        slots = [chunks[k::CPU_SLOTS] for k in range(min(CPU_SLOTS, len(chunks)))]
+
+        def fill(slot: list[Chunk]) -> torch.Tensor:
+            # torch's no_grad is per thread.
+            with torch.no_grad():
+                total = torch.zeros(shape, dtype=self.dtype)
+                for chunk in slot:
+                    add(total, chunk, self.plan.positions(chunk, self.dtype, self.device))
+                return total
+
+        parts = list(_thread_pool().map(fill, slots)) if len(slots) > 1 else [fill(slots[0])]
+        total = parts[0]
+        for part in parts[1:]:
+            total += part
+        return total
 
     def stream(self) -> contextlib.AbstractContextManager[Any]:
         """Makes Warp launch on torch's current stream, so that both see each other's results in order."""

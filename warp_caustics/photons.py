@@ -99,6 +99,11 @@ class PhotonPlan:
         return self.columns * self.rows if self.is_grid else int(self.requested)
 
     @property
+    def traced(self) -> int:
+        """Photons traced, those of the margin included."""
+        return self.grid_columns * self.grid_rows if self.is_grid else self.count
+
+    @property
     def grid_columns(self) -> int:
         """Photons per grid row, margins included."""
         return self.columns + 2 * self.margin

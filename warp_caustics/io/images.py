@@ -156,7 +156,7 @@ def check_pixels(name: str, shape: Sequence[int], max_pixels: int) -> None:
     if math.prod(shape) > max_pixels * channels or channels > MAX_CHANNELS:
         size = " x ".join(map(str, shape))
         raise InputError(
-            f"{name} claims {size} values; at most {max_pixels:.3g} pixels and {MAX_CHANNELS} channels are read, crop it"
+            f"{name} claims {size} values; at most {max_pixels:.3g} pixels of {MAX_CHANNELS} channels are read; crop it"
         )
 
 
@@ -560,6 +560,7 @@ def _read_exr(path: Path, max_pixels: int) -> Decoded:
                 if len(file.parts) != 1 or file.parts[0].type() not in (openexr.scanlineimage, openexr.tiledimage):
                     raise InputError(f"{name} is a multi-part or deep EXR; export one flat image")
                 header = dict(file.header())
+                description = own_description(str(header.get("nsfcDescription", "")))
             _check_exr_header(header, name, max_pixels)
             with openexr.File(str(path), separate_channels=True) as file:
                 planes = {channel: data.pixels for channel, data in file.channels().items()}
@@ -567,7 +568,7 @@ def _read_exr(path: Path, max_pixels: int) -> Decoded:
         raise
     except Exception as error:
         raise DamagedDataError(f"{name}: EXR cannot be decoded ({reason(error)}); export it again") from error
-    description, notes = own_description(str(header.get("nsfcDescription", ""))), []
+    notes = []
     lossy = (openexr.B44_COMPRESSION, openexr.B44A_COMPRESSION, openexr.DWAA_COMPRESSION, openexr.DWAB_COMPRESSION)
     if header.get("compression") in (*lossy, openexr.PXR24_COMPRESSION):
         notes.append(f"{name} was compressed with loss; export EXR with ZIP compression")
@@ -741,8 +742,9 @@ def _write_npz(path: Path, image: _Output) -> None:
 def _write_hdf5(path: Path, image: _Output) -> None:
     import h5py
 
+    # gzip carries a checksum of the values, so damage is found on reading.
     with h5py.File(path, "w") as file:
-        data = file.create_dataset("image", data=image.array, compression="gzip", shuffle=True, fletcher32=True)
+        data = file.create_dataset("image", data=image.array, compression="gzip", shuffle=True)
         for key, value in json.loads(image.description()).items():
             data.attrs[key] = value
 
