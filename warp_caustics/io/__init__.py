@@ -5,10 +5,12 @@ written appears complete or not at all. Importing this package loads no codec.
 """
 
 from warp_caustics.io.atomic import atomic_path
-from warp_caustics.io.capture import Capture, capture_to_irradiance, estimate_noise_std
+from warp_caustics.io.capture import Capture, capture_to_irradiance
 from warp_caustics.io.heights import read_heights, write_heights
-from warp_caustics.io.images import ImageFile, read_image, write_image
+from warp_caustics.io.image_file import ImageFile
+from warp_caustics.io.images import read_image, write_image
 from warp_caustics.io.mesh import height_field_mesh, write_mesh
+from warp_caustics.io.noise import estimate_noise_std
 
 __all__ = [
     "Capture",

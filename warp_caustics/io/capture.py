@@ -20,25 +20,16 @@ import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.errors import InputError, MismatchError
-from warp_caustics.io.images import ImageFile
+from warp_caustics.io.channels import channel_order, in_nm
+from warp_caustics.io.image_file import ImageFile
+from warp_caustics.io.noise import SMOOTHING_WINDOW, BoolImage, FloatImage, estimate_noise_std, smooth_frame
 
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
 
-FloatImage = npt.NDArray[np.float64]
-BoolImage = npt.NDArray[np.bool_]
-
 SATURATION = 0.999
 """Part of full scale from which a pixel counts as saturated; sensors clip slightly below the last code."""
 MAX_SATURATED = 0.01
-WAVELENGTH_TOLERANCE_M = 1e-9
-"""Lamps and filters are named in whole nanometres."""
-SMOOTHING_WINDOW = 31
-"""Pixels over which a flat field or dark frame is smoothed. Pixel noise falls about ninefold, while a quadratic follows
-vignetting (corners at 70 %) to 3e-4 in the corner of a frame of 160 pixels and to 1e-5 at 512. The price: shadows of
-dust smaller than this, and differences in sensitivity between pixels, stay in the image."""
-_OUTLIER = 6.0
-_MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,135 +52,6 @@ class Capture:
     mask: BoolImage
     warnings: tuple[str, ...]
     steps: list[str]
-
-
-def estimate_noise_std(image: FloatImage, level: float, valid: BoolImage | None = None) -> float:
-    """Standard deviation of the white noise in an image, where its values are near a level.
-
-    Immerkaer's mask [[1, -2, 1], [-2, 4, -2], [1, -2, 1]] (Computer Vision and Image Understanding 64, 300 (1996))
-    cancels everything locally bilinear. Its median magnitude is taken over the flatter half of the pixels within
-    0.7 to 1.4 of the level, because shot noise depends on brightness and caustic lines are no noise. Noise that is
-    correlated between pixels (demosaicing, lossy compression) is underestimated.
-
-    Args:
-        image: one channel [W/m^2], shape [H, W].
-        level: irradiance of interest [W/m^2].
-        valid: pixels to use, shape [H, W]; all if not given.
-
-    Returns:
-        Noise [W/m^2]; NaN for fewer than 64 usable pixels.
-    """
-    from scipy import ndimage
-
-    if min(image.shape) < 8:
-        return float("nan")
-    rows = image[2:] - 2 * image[1:-1] + image[:-2]
-    second = np.abs(rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2]) / 6
-    # Blurred far beyond the mask's 3 x 3, so that choosing pixels by it does not choose the noise.
-    smooth = ndimage.gaussian_filter(image, 2.0)
-    slope = np.hypot(*np.gradient(smooth))[1:-1, 1:-1]
-    usable = np.ones(second.shape, bool)
-    if valid is not None:
-        usable &= ndimage.binary_erosion(valid, np.ones((3, 3), bool))[1:-1, 1:-1]
-    inner = smooth[1:-1, 1:-1]
-    near = usable & (inner > 0.7 * level) & (inner < 1.4 * level)
-    chosen = near if near.sum() >= 256 else usable
-    if chosen.sum() < 64:
-        return float("nan")
-    flat = chosen & (slope <= np.median(slope[chosen]))
-    return float(_MAD_TO_STD * np.median(second[flat]))
-
-
-def smooth_frame(frame: FloatImage) -> tuple[FloatImage, int]:
-    """Suppress the noise of a flat field or dark frame, keeping single odd pixels (hot, dead, dusty) as they are.
-
-    A quadratic is fitted along rows and columns (Savitzky-Golay). Unlike a
-    Gaussian it has no bias where a slope meets the border.
-
-    Args:
-        frame: one channel in counts, shape [H, W].
-
-    Returns:
-        The smoothed frame, shape [H, W], and the number of pixels kept as they were.
-    """
-    from scipy import ndimage, signal
-
-    window = min(SMOOTHING_WINDOW, *(size - (size + 1) % 2 for size in frame.shape))
-    if window < 5:
-        return frame, frame.size
-
-    def fitted(values: FloatImage) -> FloatImage:
-        rows = signal.savgol_filter(values, window, 2, axis=0)
-        return np.asarray(signal.savgol_filter(rows, window, 2, axis=1))
-
-    # Compared with a local median of the remainder, not of the frame: where vignetting is steep, that one is biased.
-    smooth = fitted(frame)
-    expected = smooth + ndimage.median_filter(frame - smooth, 5)
-    distance = np.abs(frame - expected)
-    odd = distance > _OUTLIER * _MAD_TO_STD * np.median(distance)
-    smooth = fitted(np.where(odd, expected, frame))
-    return np.where(odd, frame, smooth), int(odd.sum())
-
-
-def _nm(wavelengths_m: Sequence[float]) -> str:
-    return ", ".join(f"{wavelength * 1e9:.6g}" for wavelength in wavelengths_m) + " nm"
-
-
-def _requested_wavelengths_m(order: str | Sequence[float]) -> tuple[float, ...]:
-    """Wavelengths [m] of "610,530,430" in nm, or of a sequence in metres."""
-    try:
-        if isinstance(order, str):
-            values = tuple(float(part.strip().removesuffix("nm")) * 1e-9 for part in order.split(","))
-        else:
-            values = tuple(float(value) for value in order)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"wavelength order {order!r} is not readable; write for example 610,530,430 (nm)") from error
-    if not all(1e-7 < value < 1e-5 for value in values):
-        unit = "nanometres as text" if isinstance(order, str) else "metres (610e-9), or nanometres as text"
-        raise InputError(f"wavelength order {order!r} is no light; give {unit}, for example '610,530,430'")
-    return values
-
-
-def _match(file_m: Sequence[float], scene_m: Sequence[float], source: str) -> list[int]:
-    """For each wavelength of the scene its channel in the file."""
-    order = []
-    for wanted in scene_m:
-        nearest = min(range(len(file_m)), key=lambda channel: abs(file_m[channel] - wanted))
-        if abs(file_m[nearest] - wanted) > WAVELENGTH_TOLERANCE_M:
-            raise MismatchError(
-                f"{source}: {_nm(file_m)}, but the scene has {_nm(scene_m)}; use the scene's wavelengths, "
-                "give wavelength_order or change the scene"
-            )
-        order.append(nearest)
-    if len(set(order)) != len(order):
-        raise MismatchError(f"{source}: {_nm(file_m)} repeat or lie too close together; give each channel once")
-    return order
-
-
-def _channel_order(
-    image: ImageFile, scene_m: Sequence[float], requested: str | Sequence[float] | None
-) -> tuple[list[int], str]:
-    count = len(image.values)
-    if requested is not None:
-        file_m = _requested_wavelengths_m(requested)
-        if len(file_m) != count:
-            raise InputError(f"wavelength order names {len(file_m)} channels, the image has {count}; name each once")
-    if count != len(scene_m):
-        one = "record all wavelengths, or choose a scene with one wavelength"
-        fix = one if count == 1 else "give an image with one channel per wavelength, or change the scene"
-        raise MismatchError(f"the image has {count} channels, the scene {len(scene_m)} wavelengths; {fix}")
-    if requested is not None:
-        return _match(file_m, scene_m, "wavelength order"), f"channels are {_nm(file_m)}, as requested"
-    if image.wavelengths_m is not None:
-        recorded = image.wavelengths_m
-        return _match(recorded, scene_m, "the file records"), f"channels are {_nm(recorded)}, as the file records"
-    falling = sorted(scene_m, reverse=True)
-    if list(scene_m) == falling or (count == 3 and image.format in ("png", "tiff", "exr")):
-        return _match(falling, scene_m, "channels"), f"channels taken as {_nm(falling)}, longest wavelength first"
-    raise InputError(
-        f"which channel is which of {_nm(scene_m)} is not recorded in the file; "
-        f"give wavelength_order, for example '{','.join(f'{value * 1e9:g}' for value in scene_m)}'"
-    )
 
 
 def _check_size(image: ImageFile, m: int) -> None:
@@ -216,7 +78,8 @@ def _check_frame(frame: ImageFile, image: ImageFile, kind: str) -> None:
         )
     if frame.wavelengths_m and image.wavelengths_m and frame.wavelengths_m != image.wavelengths_m:
         raise MismatchError(
-            f"the {kind} records {_nm(frame.wavelengths_m)}, the image {_nm(image.wavelengths_m)}; record both alike"
+            f"the {kind} records {in_nm(frame.wavelengths_m)}, "
+            f"the image {in_nm(image.wavelengths_m)}; record both alike"
         )
 
 
@@ -356,7 +219,7 @@ def capture_to_irradiance(
         MismatchError: image, frames and scene do not belong together.
         InputError: an argument that cannot be used, or an image without light.
     """
-    order, channel_step = _channel_order(image, scene.wavelengths_m, wavelength_order)
+    order, channel_step = channel_order(image, scene.wavelengths_m, wavelength_order)
     _check_size(image, scene.image_pixels)
     frames = {kind: frame for kind, frame in (("dark frame", dark), ("flat field", flat)) if frame is not None}
     for kind, frame in frames.items():

@@ -14,8 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.errors import InputError
+from warp_caustics.io.arrays import read_array
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
-from warp_caustics.io.images import MAX_PIXELS, Array, Decoded, read_array, read_tiff, sniff_format
+from warp_caustics.io.decoded import Decoded
+from warp_caustics.io.image_file import MAX_PIXELS, Array
+from warp_caustics.io.image_format import sniff_format
+from warp_caustics.io.tiff import read_tiff
 
 MAX_HEIGHT_M = 0.1
 """Relief above 10 cm is no print but a unit mistake."""

@@ -1,79 +1,17 @@
 """A model camera records a known irradiance; calibration must give it back within the camera's noise."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from warp_caustics.errors import CausticsError, InputError, MismatchError
-from warp_caustics.io import Capture, ImageFile, capture_to_irradiance, estimate_noise_std
-from warp_caustics.io.capture import smooth_frame
+from warp_caustics.io import Capture, ImageFile, capture_to_irradiance
 from warp_caustics.scene import Scene
 
-M = 160
-SCENE = Scene(image_pixels=M)
+from .model_camera import LIGHT, SCENE, Camera, M, as_file, as_floats, smooth_light
+
 RED_GREEN_BLUE = (610e-9, 530e-9, 430e-9)
-
-
-def smooth_light() -> np.ndarray:
-    row, column = np.mgrid[:M, :M] / M
-    return 1 + 0.2 * np.sin(4 * row + 1) * np.cos(5 * column)
-
-
-def caustic_light() -> np.ndarray:
-    """Folds: 1/sqrt(distance) on one side of curved lines, shadow on the other, lit plain elsewhere."""
-    row, column = np.mgrid[:M, :M] / M
-    light = np.ones((M, M))
-    for offset, slope, bend in ((0.2, 0.3, 0.2), (0.5, -0.4, 0.5), (0.8, 0.1, -0.3)):
-        distance = (row - offset - slope * (column - 0.5) - bend * (column - 0.5) ** 2) * M
-        light += np.where((distance > 0) & (distance < 12), 2 / np.sqrt(np.maximum(distance, 0.5)) - 0.55, 0)
-        light -= np.where((distance <= 0) & (distance > -6), 0.8, 0)
-    return np.maximum(light, 0.02)
-
-
-LIGHT = np.stack([caustic_light(), np.roll(caustic_light(), 9, axis=0), caustic_light().T])
-LIGHT /= LIGHT.mean(axis=(1, 2), keepdims=True)
-
-
-@dataclass
-class Camera:
-    """Linear sensor: counts = offset + gain L v(x, y) + noise; shot noise follows from the electrons per count."""
-
-    gain: tuple[float, ...] = (4000.0, 6000.0, 3000.0)
-    offset: float = 200.0
-    electrons_per_count: float = 2.5
-    read_noise: float = 4.0
-    vignetting: float = 0.35
-    seed: int = 0
-
-    def response(self) -> np.ndarray:
-        row, column = (np.mgrid[:M, :M] + 0.5) / M - 0.5
-        return 1 / (1 + self.vignetting * ((row - 0.05) ** 2 + column**2)) ** 2
-
-    def record(self, light: np.ndarray | float, exposure: float = 1.0) -> ImageFile:
-        random = np.random.default_rng((self.seed, int(1e6 * exposure), int(np.sum(light))))
-        gain = np.array(self.gain)[:, None, None] * exposure
-        electrons = random.poisson(gain * light * self.response() * self.electrons_per_count)
-        counts = electrons / self.electrons_per_count + self.offset + random.normal(0, self.read_noise, electrons.shape)
-        return as_file(np.clip(np.rint(counts), 0, 65535))
-
-    def noise_std(self) -> np.ndarray:
-        """Standard deviation [W/m^2] at irradiance 1, averaged over the vignetting (root mean square), shape [3]."""
-        signal = np.array(self.gain)[:, None, None] * self.response()
-        variance = (signal / self.electrons_per_count + self.read_noise**2 + 1 / 12) / signal**2
-        return np.sqrt(variance.mean(axis=(1, 2)))
-
-    def frames(self, light: np.ndarray = LIGHT) -> tuple[ImageFile, ImageFile, ImageFile]:
-        return self.record(light), self.record(np.zeros((1, M, M))), self.record(np.ones((1, M, M)))
-
-
-def as_file(values: np.ndarray, **fields: object) -> ImageFile:
-    defaults = {"full_scale": 65535.0, "bit_depth": 16, "format": "tiff"}
-    return ImageFile(values=np.asarray(values, np.float32), **(defaults | fields))
-
-
-def as_floats(values: np.ndarray, **fields: object) -> ImageFile:
-    return as_file(values, **({"full_scale": None, "bit_depth": 32} | fields))
 
 
 def relative_error(capture: Capture, light: np.ndarray) -> np.ndarray:
@@ -174,17 +112,6 @@ def test_saturated_pixels_are_masked_and_counted() -> None:
         capture_to_irradiance(image, scene=SCENE, dark=dark, flat=flat)
 
 
-def test_smoothing_a_flat_field_has_no_bias_at_the_border() -> None:
-    """A Gaussian of 4 pixels would be off by 1.2 % there; the cubic part of the vignetting alone leaves 2.5e-4."""
-    truth = 5000 * Camera().response()
-    smooth, _ = smooth_frame(truth)
-    assert np.abs(smooth / truth - 1).max() < 3e-4
-    noise = np.random.default_rng(4).normal(0, 50, truth.shape)
-    error = smooth_frame(truth + noise)[0] - truth
-    assert error[20:-20, 20:-20].std() < 50 / 7
-    assert error[:1].std() < 50 / 3
-
-
 # ------------------------------------------------------------------ which channel is which
 
 
@@ -277,15 +204,6 @@ def test_warnings_of_the_files_are_passed_on() -> None:
 # ------------------------------------------------------------------ noise
 
 
-@pytest.mark.parametrize("light", [smooth_light(), caustic_light()], ids=["smooth", "caustic"])
-@pytest.mark.parametrize("std", [0.003, 0.01, 0.05])
-def test_planted_noise_is_found(light: np.ndarray, std: float) -> None:
-    found = [
-        estimate_noise_std(light + np.random.default_rng(seed).normal(0, std, light.shape), 1.0) for seed in range(4)
-    ]
-    np.testing.assert_allclose(found, std, rtol=0.15)
-
-
 @pytest.mark.parametrize("light", [np.stack([smooth_light()] * 3), LIGHT], ids=["smooth", "caustic"])
 def test_noise_of_a_calibrated_capture(light: np.ndarray) -> None:
     """Shot and read noise, through dark frame and flat field, at irradiance near 1."""
@@ -293,32 +211,3 @@ def test_noise_of_a_calibrated_capture(light: np.ndarray) -> None:
     image, dark, flat = camera.frames(light)
     capture = capture_to_irradiance(image, scene=SCENE, dark=dark, flat=flat)
     np.testing.assert_allclose(capture.noise_std, camera.noise_std(), rtol=0.15)
-
-
-def test_noise_of_the_shadows_is_not_that_of_the_light() -> None:
-    light = np.where(np.arange(M) < 0.8 * M, 0.1, 1.0) * np.ones((M, M))
-    noisy = light + np.random.default_rng(1).normal(0, 1, light.shape) * 0.05 * light
-    assert estimate_noise_std(noisy, 1.0) == pytest.approx(0.05, rel=0.15)
-
-
-def test_structure_is_not_noise() -> None:
-    """Steep diagonal fringes over nearly half the picture."""
-    row, column = np.mgrid[:M, :M]
-    light = 1 + np.where(column < 0.45 * M, 0.3 * np.sin((row + column) * 2 * np.pi / 6), 0)
-    noisy = light + np.random.default_rng(6).normal(0, 0.01, light.shape)
-    assert estimate_noise_std(noisy, 1.0) == pytest.approx(0.01, rel=0.15)
-
-
-def test_noise_ignores_invalid_pixels() -> None:
-    random = np.random.default_rng(2)
-    light = smooth_light() + random.normal(0, 0.01, (M, M))
-    valid = np.ones((M, M), bool)
-    valid[: int(0.8 * M)] = False
-    light[~valid] = 1 + random.normal(0, 0.2, (~valid).sum())
-    assert estimate_noise_std(light, 1.0, valid) == pytest.approx(0.01, rel=0.15)
-
-
-def test_noise_of_too_little_is_unknown() -> None:
-    assert np.isnan(estimate_noise_std(np.ones((6, 6)), 1.0))
-    assert np.isnan(estimate_noise_std(np.ones((M, M)), 1.0, np.zeros((M, M), bool)))
-    assert estimate_noise_std(np.ones((M, M)), 1.0) == 0

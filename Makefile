@@ -1,0 +1,43 @@
+# The only place where commands are spelled. `make demo` and `make test` work on a fresh machine.
+
+PYTHON ?= python3
+CONSTRAINTS ?= constraints/ci-cpu.txt
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test lint types pytest clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-8s %s\n", $$1, $$2}'
+
+venv: $(STAMP) ## install everything into .venv (PYTHON and CONSTRAINTS may be given)
+
+$(STAMP): pyproject.toml $(CONSTRAINTS)
+	@$(PYTHON) -c 'import sys; sys.exit("$(PYTHON) is Python %d.%d, 3.11 or newer is needed; make PYTHON=python3.11" % sys.version_info[:2] if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[dev,exr]'
+	@touch $@
+
+demo: $(STAMP) ## reconstruct the example capture into demo_output/
+	$(BIN)/nsfc reconstruct examples/data/capture.tif \
+		--dark examples/data/dark.tif --flat examples/data/flat.tif \
+		--reference examples/data/true_heights.npy \
+		--config examples/demo.yaml -o demo_output --force
+
+test: lint types pytest ## lint, types and tests
+
+lint: $(STAMP) ## check style
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: $(STAMP) ## check types
+	$(BIN)/mypy
+
+pytest: $(STAMP) ## tests only
+	$(BIN)/python -m pytest
+
+clean: ## remove the environment and everything generated
+	rm -rf $(VENV) demo_output build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,246 @@
+"""Configuration files: YAML in, one validated and immutable record out.
+
+Read by the YAML 1.2 core rules. PyYAML's own rules (YAML 1.1) take ``1e6`` for
+a string, ``010`` for 8, ``no`` for False and ``12:30`` for 750; and they let
+the last of two equal keys win. A key that is not known is refused with a guess
+at the one that was meant.
+"""
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import pydantic
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from data_gen.config import ReliefConfig
+from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
+from warp_caustics.errors import InputError
+from warp_caustics.io.atomic import regular_file
+from warp_caustics.presets import PRESETS
+from warp_caustics.scene import Placement, Scene, validation_lines
+
+MAX_CONFIG_BYTES = 1_000_000
+MAX_PROBLEMS = 3
+"""Problems named in one message."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+def _check_preset(value: str) -> str:
+    if value not in PRESETS:
+        raise ValueError(f"preset {value!r} is not known; use one of {', '.join(PRESETS)}")
+    return value
+
+
+class SimulationConfig(_Strict):
+    """How the caustic is simulated; None takes the preset's value."""
+
+    preset: Annotated[str, AfterValidator(_check_preset)] = "lattice"
+    n_photons: Annotated[int, Field(ge=1)] | None = None
+    """n_l: light paths per wavelength."""
+    smoothing: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    """s: scales the photon footprint."""
+    placement: Placement | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+
+class ReconstructionConfig(_Strict):
+    """Which method, with which options; the method checks its options itself."""
+
+    method: str = "refine"
+    options: dict[str, Any] = {}
+
+
+class Config(_Strict):
+    """Everything that can be set: Tab. 1 (scene, simulation), Tab. 2 (denoiser, updater) and Tab. 3 (reliefs)."""
+
+    scene: Scene = Scene()
+    simulation: SimulationConfig = SimulationConfig()
+    reconstruction: ReconstructionConfig = ReconstructionConfig()
+    reliefs: ReliefConfig = ReliefConfig()
+    denoiser: NetworkConfig = BEST_DENOISER
+    updater: NetworkConfig = BEST_UPDATER
+
+    def fingerprint(self) -> str:
+        """Hash that changes with any value, and with nothing else."""
+        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def load_config(
+    source: str | None = None, settings: Sequence[str] = (), overrides: Mapping[str, Any] | None = None
+) -> Config:
+    """The configuration of one run; later sources win.
+
+    Args:
+        source: file, or name of a shipped configuration; defaults only if None.
+        settings: ``key.key=value`` as given to --set, values in YAML.
+        overrides: dotted key to value, from other options; None is left out.
+
+    Raises:
+        InputError: unreadable, unknown keys, or values out of range.
+    """
+    tree: dict[str, Any] = Config().model_dump(mode="json")
+    if source is not None:
+        path = config_path(source)
+        tree = _merged(tree, _read_yaml(path), f"{path}: ")
+    for setting in settings:
+        tree = _merged(tree, _parsed_setting(setting), f"--set {setting}: ")
+    for key, value in (overrides or {}).items():
+        if value is not None:
+            tree = _merged(tree, _nested(key.split("."), value), "")
+    try:
+        return Config.model_validate(tree)
+    except pydantic.ValidationError as error:
+        problems = validation_lines(error)
+        more = f"; {len(problems) - MAX_PROBLEMS} more problems" if len(problems) > MAX_PROBLEMS else ""
+        raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error
+
+
+def dump_config(config: Config) -> str:
+    """The whole configuration as YAML, in a fixed order; :func:`load_config` reads it back unchanged."""
+    tree = config.model_dump(mode="json")
+    text: str = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Configurations that come with the software, by name."""
+    here = Path(__file__).parent
+    # Inside the package when installed from a wheel, beside it in a checkout.
+    folder = next((f for f in (here / "configs", here.parent / "configs") if f.is_dir()), here)
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def config_path(source: str) -> Path:
+    """File of a --config value: a bare name means a shipped configuration, anything else a path."""
+    if "/" in source or "." in source:
+        return regular_file(source)
+    shipped = shipped_configs()
+    if source not in shipped:
+        guess = _guess(source, shipped) or f"use one of {', '.join(shipped)}, or a file such as ./{source}.yaml"
+        raise InputError(f"configuration {source!r} is not shipped; {guess}")
+    return shipped[source]
+
+
+# --------------------------------------------------------------------------- YAML
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2 core schema; refuses duplicate keys and aliases."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.get_mark()
+            raise yaml.constructor.ConstructorError(None, None, "aliases (*name) are not read; write it out", mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
+            if key_node.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key_node.value!r} is given twice; remove one", key_node.start_mark
+                )
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep=deep)
+
+
+_Loader.yaml_implicit_resolvers = {}
+# YAML 1.2.2, section 10.3.2.
+for _tag, _pattern, _first in (
+    ("null", r"~|null|Null|NULL|", [*"~nN", ""]),
+    ("bool", r"true|True|TRUE|false|False|FALSE", [*"tTfF"]),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)", [*"-+0123456789"]),
+    ("float", r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", [*"-+.0123456789"]),
+    ("float", r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", [*"-+."]),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Lists on one line, everything else one key per line."""
+
+
+_Dumper.add_representer(
+    list, lambda dumper, data: dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
+)
+
+
+def _parsed(text: str, name: str) -> Any:
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f" line {mark.line + 1}" if mark is not None and "\n" in text.strip() else ""
+        raise InputError(f"{name}{where}: {error.problem or error.context}") from error
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"{name} is no YAML ({' '.join(str(error).split())[:120]})") from error
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    content = path.read_bytes() if path.stat().st_size <= MAX_CONFIG_BYTES else b""
+    if not content:
+        raise InputError(f"{path} is larger than {MAX_CONFIG_BYTES} bytes; give a configuration file")
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is no text; give a YAML file") from error
+    tree = _parsed(text, str(path))
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise InputError(f"{path} holds no keys with values; write for example 'scene: {{image_pixels: 256}}'")
+    return tree
+
+
+def _parsed_setting(setting: str) -> dict[str, Any]:
+    key, equals, value = setting.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise InputError(f"--set {setting!r} is not KEY=VALUE; write for example --set scene.image_pixels=256")
+    return _nested(parts, _parsed(value, f"--set {setting}"))
+
+
+# --------------------------------------------------------------------------- merging
+
+
+def _nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
+    for part in reversed(parts):
+        value = {part: value}
+    nested: dict[str, Any] = value
+    return nested
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
+    """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
+    result = dict(base)
+    # Options belong to a method, which alone knows their names.
+    is_open = at.startswith("reconstruction.options.")
+    for key, value in over.items():
+        if key not in base and not is_open:
+            guess = _guess(str(key), base) or f"known are {', '.join(base)}"
+            raise InputError(f"{source}{at}{key}: unknown key; {guess}")
+        if not isinstance(base.get(key), dict):
+            if isinstance(value, dict) and not is_open:
+                raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
+            result[key] = value
+        elif isinstance(value, dict):
+            result[key] = _merged(base[key], value, source, f"{at}{key}.")
+        elif value is not None:  # an empty section changes nothing
+            raise InputError(f"{source}{at}{key} is a section; give keys below it, got {value!r}")
+    return result
+
+
+def _guess(word: str, known: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else ""

@@ -1,0 +1,113 @@
+"""What a command says: lines and warnings for people, one JSON record for programs."""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+if TYPE_CHECKING:
+    from warp_caustics.reconstruct.base import Progress, ProgressCallback
+
+LOG_INTERVAL_S = 10.0
+"""Least time between two progress lines where there is no terminal."""
+
+
+class Console:
+    """Output of one command.
+
+    Results go to stdout, progress and warnings to stderr. With ``as_json``
+    stdout holds one record and nothing else, and no progress is shown.
+    """
+
+    def __init__(self, as_json: bool = False):
+        self.as_json = as_json
+
+    def line(self, text: str) -> None:
+        """A line of the result, for people."""
+        if not self.as_json:
+            click.echo(text)
+
+    def warn(self, text: str) -> None:
+        """Something the user should know."""
+        click.echo(f"warning: {text}", err=True)
+
+    def record(self, record: Mapping[str, Any]) -> None:
+        """The result, for programs."""
+        if self.as_json:
+            click.echo(json_text(record))
+
+    @contextmanager
+    def progress(self) -> Iterator["ProgressCallback"]:
+        """Shows the progress of a reconstruction: a bar on a terminal, now and then a line elsewhere."""
+        if self.as_json:
+            yield lambda state: None
+        elif sys.stderr.isatty():
+            with _bar() as show:
+                yield show
+        else:
+            yield _log_lines()
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[["Progress"], None]]:
+    from rich.console import Console as RichConsole
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as RichProgress
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("residual {task.fields[residual]:.4f}"),
+        TimeElapsedColumn(),
+    )
+    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+        task = bar.add_task("preparing", total=None, residual=math.nan)
+
+        def show(state: "Progress") -> None:
+            bar.update(
+                task, description=state.stage, completed=state.iteration, total=state.total, residual=state.residual
+            )
+
+        yield show
+
+
+def _log_lines() -> Callable[["Progress"], None]:
+    last: tuple[str, float] = ("", -math.inf)
+
+    def show(state: "Progress") -> None:
+        nonlocal last
+        if state.stage == last[0] and state.elapsed_s - last[1] < LOG_INTERVAL_S:
+            return
+        last = state.stage, state.elapsed_s
+        click.echo(
+            f"[{state.elapsed_s:7.1f} s] {state.stage}: {state.iteration} of {state.total}, "
+            f"residual {state.residual:.4f}",
+            err=True,
+        )
+
+    return show
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """A record as JSON; arrays become lists and NaN null, because JSON has neither."""
+    return json.dumps(plain(record), indent=2, allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """The same value in types that JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return str(value)

@@ -1,0 +1,140 @@
+"""Entry point of ``nsfc``: a lazy group of commands, and the one place where errors become exit codes.
+
+Every failure ends as one line ``error: ...`` on stderr and an exit code of
+:mod:`warp_caustics.errors`. A failure nobody foresaw also leaves its traceback
+in a file. Nothing heavy is imported here nor at the top of a command's module,
+so that ``nsfc --help`` answers at once.
+"""
+
+import errno
+import importlib
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rich_click as click
+
+from warp_caustics.errors import CausticsError, InputError, ResourceError
+
+EXIT_BUG, EXIT_USAGE, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 130, 143
+
+COMMANDS = {
+    "reconstruct": "cli.reconstruct:reconstruct",
+    "simulate": "cli.simulate:simulate",
+    "config": "cli.config_cmd:config",
+    "env": "cli.env:env",
+}
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived. Not an Exception: nothing but clean-up code may hold it up."""
+
+
+class LazyGroup(click.RichGroup):
+    """Group that imports a command's module when the command is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands, in the order of the help page."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, imported now."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name].split(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="nsfc", message="nsfc %(version)s")
+def nsfc() -> None:
+    """Shape from caustics: recover the printed height field of a glass plate from one caustic image."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run ``nsfc``.
+
+    Args:
+        args: arguments without the program's name; those of the process if None.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        with _sigterm_as_exception():
+            # Commands return an exit code, or None for success.
+            result = nsfc.main(args, prog_name="nsfc", standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else "nsfc"
+        return _report(f"{error.format_message().rstrip('.')}; see {where} --help", EXIT_USAGE)
+    except click.ClickException as error:
+        return _report(error.format_message(), EXIT_USAGE)
+    except (click.Abort, KeyboardInterrupt):
+        return _report("interrupted", EXIT_INTERRUPTED)
+    except Terminated:
+        return _report("terminated", EXIT_TERMINATED)
+    except Exception as error:
+        message, code = _explained(error)
+        return _report(message, code)
+
+
+@contextmanager
+def _sigterm_as_exception() -> Iterator[None]:
+    def stop(signum: int, frame: Any) -> None:
+        # A second one ends the process at once.
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _report(message: str, code: int) -> int:
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    return code
+
+
+def _explained(error: Exception) -> tuple[str, int]:
+    """Message and exit code for an error that a command let through."""
+    pydantic = sys.modules.get("pydantic")
+    if isinstance(error, CausticsError):
+        return str(error), error.exit_code
+    if pydantic is not None and isinstance(error, pydantic.ValidationError):
+        from warp_caustics.scene import validation_lines
+
+        return "; ".join(validation_lines(error)), InputError.exit_code
+    if _is_out_of_memory(error):
+        return "out of memory; use fewer photons, a smaller image or another device", ResourceError.exit_code
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+        return f"{error}; free space on the disk", ResourceError.exit_code
+    return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
+    named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+    return named or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))
+
+
+def _keep_traceback(error: Exception) -> str:
+    """Save a traceback; returns where, as a phrase."""
+    text = f"{time.strftime('%Y-%m-%d %H:%M:%S')} {sys.argv}\n{''.join(traceback.format_exception(error))}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="nsfc-error-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(text)
+    except OSError:
+        click.echo(text, err=True)
+        return "its traceback could not be saved and stands above"
+    return f"its traceback is in {file.name}, please report it"

@@ -1,0 +1,107 @@
+"""Options that several commands share."""
+
+import contextlib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+import rich_click as click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def number(text: str) -> float:
+    """Option type: finite number. click's own FLOAT and FloatRange let nan and inf through."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise click.BadParameter(f"{text!r} is not a finite number")
+    return value
+
+
+def integer(text: str) -> int:
+    """Option type: whole number, also written like 1e6."""
+    try:
+        return int(text)
+    except ValueError:
+        value = number(text)
+    if not value.is_integer():
+        raise click.BadParameter(f"{text!r} is not a whole number")
+    return int(value)
+
+
+def config_options(command: Command) -> Command:
+    """Adds --config and --set."""
+    command = click.option(
+        "--set",
+        "settings",
+        metavar="KEY=VALUE",
+        multiple=True,
+        help="Override one value of the configuration, e.g. scene.image_pixels=256; repeatable.",
+    )(command)
+    return click.option(
+        "--config",
+        "config_source",
+        metavar="FILE|NAME",
+        help="YAML file, or the name of a shipped configuration (paper, small). [default: Tab. 1 of the paper]",
+    )(command)
+
+
+def device_option(command: Command) -> Command:
+    """Adds --device."""
+    text = "cpu, cuda or cuda:N; auto takes cuda where there is one."
+    return click.option("--device", default="auto", show_default=True, help=text)(command)
+
+
+def seed_option(command: Command) -> Command:
+    """Adds --seed."""
+    option = click.option("--seed", type=integer, help="Selects the set of random photons; no effect on a lattice.")
+    return option(command)
+
+
+def json_option(command: Command) -> Command:
+    """Adds --json."""
+    option = click.option("--json", "as_json", is_flag=True, help="Print one JSON record on stdout, nothing else.")
+    return option(command)
+
+
+def start_device(name: str) -> str:
+    """Device to use, checked, with Warp running.
+
+    Args:
+        name: value of --device.
+
+    Raises:
+        InputError: not a device name.
+        ResourceError: the machine has no such device.
+    """
+    import torch
+    import warp as wp
+
+    from warp_caustics.simulator import usable_device
+
+    has_cuda = torch.cuda.is_available()
+    if name == "auto":
+        name = "cuda" if has_cuda else "cpu"
+    device = str(usable_device(name))
+    # Warp's native code warns of a missing driver, whatever its log level; no news on a machine without a GPU.
+    with contextlib.nullcontext() if has_cuda else _stderr_off():
+        wp.init()
+    return device
+
+
+@contextlib.contextmanager
+def _stderr_off() -> Iterator[None]:
+    sys.stderr.flush()
+    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nowhere)

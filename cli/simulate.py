@@ -1,0 +1,121 @@
+"""``nsfc simulate``: from a height map to its caustic."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from cli.console import Console
+from cli.options import config_options, device_option, integer, json_option, number, seed_option, start_device
+
+if TYPE_CHECKING:
+    from warp_caustics.scene import Scene
+
+
+@click.command()
+@click.argument("heights", type=click.Path())
+@click.option(
+    "-o", "--output", type=click.Path(), required=True, help="Image: .tif, .png, .exr, .npy, .npz or .h5; replaced."
+)
+@click.option("--preset", help="Photon set: lattice (sharp, without noise) or paper (random, s = 16).")
+@click.option("--n-photons", type=integer, help="n_l: light paths per wavelength.")
+@click.option("--smoothing", type=number, help="s: scales the photon footprint.")
+@click.option("--placement", help="Where photons start: lattice, stratified, sobol or random.")
+@seed_option
+@device_option
+@config_options
+@json_option
+def simulate(
+    heights: str,
+    output: str,
+    preset: str | None,
+    n_photons: int | None,
+    smoothing: float | None,
+    placement: str | None,
+    seed: int | None,
+    device: str,
+    config_source: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Simulate the caustic of HEIGHTS, a map of the relief in metres (.npy, .npz, .tif or .h5)."""
+    import numpy as np
+
+    from cli.config import load_config
+    from warp_caustics.io.heights import read_heights
+    from warp_caustics.io.images import write_image
+
+    options = {
+        "preset": preset, "n_photons": n_photons, "smoothing": smoothing, "placement": placement, "seed": seed,
+    }  # fmt: skip
+    config = load_config(config_source, settings, {f"simulation.{key}": value for key, value in options.items()})
+    relief = read_heights(heights)
+    _check_output(output, heights, config.scene)
+
+    import torch
+
+    from warp_caustics.energy import energy_budget
+    from warp_caustics.simulator import CausticSimulator
+
+    simulator = CausticSimulator(config.scene, device=start_device(device), **config.simulation.model_dump())
+    on_device = torch.tensor(relief, dtype=simulator.dtype, device=simulator.device)
+    start = time.perf_counter()
+    image = simulator(on_device).cpu().numpy()
+    elapsed_s = time.perf_counter() - start
+    write_image(output, image, wavelengths_m=config.scene.wavelengths_m, pixel_size_m=config.scene.pixel_size_m)
+
+    budget = energy_budget(simulator, on_device)
+    console = Console(as_json)
+    record: dict[str, Any] = {
+        "output": output,
+        "time_s": elapsed_s,
+        "min_irradiance_W_m2": image.min(axis=(1, 2)),
+        "max_irradiance_W_m2": image.max(axis=(1, 2)),
+        "mean_irradiance_W_m2": image.mean(axis=(1, 2), dtype=np.float64),
+        "energy": budget,
+        "settings": simulator.settings(),
+        "config_fingerprint": config.fingerprint(),
+    }
+    console.line(f"image      {output}, {' x '.join(map(str, image.shape))}")
+    console.line(
+        f"photons    {simulator.n_photons} per wavelength, {simulator.plan.placement}, s = {simulator.smoothing:g}"
+    )
+    console.line(f"time       {elapsed_s:.2f} s on {simulator.device}")
+    console.line(f"irradiance {image.min():.4g} to {image.max():.4g} W/m^2")
+    for line in energy_lines(budget):
+        console.line(line)
+    console.record(record)
+
+
+def energy_lines(budget: dict[str, Any]) -> list[str]:
+    """What became of the light, one line per wavelength."""
+    fates = [key for key in budget if key not in ("wavelengths_m", "emitted_W")]
+    lines = []
+    for channel, wavelength in enumerate(budget["wavelengths_m"]):
+        parts = [f"{100 * budget[fate][channel]:.4g} % {fate.replace('_', ' ')}" for fate in fates]
+        lines.append(f"light      {wavelength * 1e9:.0f} nm: {', '.join(parts)}")
+    return lines
+
+
+def _check_output(output: str, heights: str, scene: "Scene") -> None:
+    """Refuse an output that cannot be written before the simulation instead of after it."""
+    import os
+    import tempfile
+
+    import numpy as np
+
+    from warp_caustics.errors import InputError
+    from warp_caustics.io.images import write_image
+
+    target = Path(output)
+    if target.exists() and os.path.samefile(output, heights):
+        raise InputError(f"output {output!r} is the height map itself; give another name")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".nsfc-", dir=target.parent) as folder:
+            probe = Path(folder, f"probe{target.suffix}")
+            write_image(probe, np.ones((scene.n_wavelengths, 2, 2)), wavelengths_m=scene.wavelengths_m)
+    except InputError as error:
+        raise InputError(str(error).replace(str(probe), output)) from error
+    except OSError as error:
+        raise InputError(f"folder {str(target.parent)!r} cannot be written to ({error.strerror}); create it") from error

@@ -1,0 +1,1 @@
+"""The learned parts; so far, the parameters of the network family."""

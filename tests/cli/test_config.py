@@ -1,0 +1,172 @@
+"""Configuration files: what is read, what is refused, and with which words."""
+
+import pytest
+import yaml
+
+from cli.config import Config, config_path, dump_config, load_config, shipped_configs
+from data_gen.config import ReliefConfig
+from nets.config import BEST_DENOISER, BEST_UPDATER
+from warp_caustics.errors import InputError
+from warp_caustics.scene import Scene
+
+
+def load(tmp_path, text, *settings):
+    path = tmp_path / "config.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_config(str(path), settings)
+
+
+def test_paper_is_tables_1_to_3():
+    """Spelled out in the file, and equal to the defaults of the models."""
+    config = load_config("paper")
+    assert config.scene == Scene()
+    assert config.reliefs == ReliefConfig()
+    assert (config.denoiser, config.updater) == (BEST_DENOISER, BEST_UPDATER)
+    simulation = config.simulation
+    assert (simulation.placement, simulation.n_photons, simulation.smoothing) == ("random", 1_000_000, 16.0)
+
+
+def test_paper_spells_out_every_key():
+    written = yaml.safe_load(config_path("paper").read_text(encoding="utf-8"))
+    assert paths(written) == paths(Config().model_dump())
+
+
+def paths(tree, at=""):
+    if not isinstance(tree, dict) or not tree:
+        return {at}
+    return set().union(*(paths(value, f"{at}/{key}") for key, value in tree.items()))
+
+
+@pytest.mark.parametrize("name", ["paper", "small"])
+def test_shipped_configs_load_by_name(name):
+    assert name in shipped_configs()
+    assert isinstance(load_config(name), Config)
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [("1e6", 1_000_000), ("1E+6", 1_000_000), ("16e6", 16_000_000), ("1.5e3", 1500), ("010", 10), ("123", 123)],
+)
+def test_numbers_are_numbers(tmp_path, written, expected):
+    """PyYAML by itself reads 1e6 as a string and 010 as 8."""
+    assert load(tmp_path, f"simulation: {{n_photons: {written}}}").simulation.n_photons == expected
+
+
+def test_exponents_without_a_point_are_floats(tmp_path):
+    config = load(tmp_path, "scene: {screen_position_m: [0, 0, -5e-2]}\nupdater: {lambda_tv: 5e-10}")
+    assert config.scene.screen_position_m[2] == -0.05
+    assert config.updater.lambda_tv == 5e-10
+    with pytest.raises(AssertionError):  # the trap is real
+        assert yaml.safe_load("5e-10") == 5e-10
+
+
+def test_other_values_of_a_section_keep_their_defaults(tmp_path):
+    config = load(tmp_path, "scene: {image_pixels: 64}\nupdater: {k_up: 5}\nreliefs:\n  perturbation:\n")
+    assert config.scene == Scene(image_pixels=64)
+    assert config.updater == BEST_UPDATER.model_copy(update={"k_up": 5})
+    assert config.reliefs == ReliefConfig()
+
+
+def test_settings_win_over_the_file_and_are_typed_like_yaml(tmp_path):
+    config = load(
+        tmp_path, "scene: {image_pixels: 64}",
+        "scene.image_pixels=256", "simulation.n_photons=1e5", "scene.glass=n_bk7", "scene.radiosity_W_m2=[1, 2, 3]",
+        "reconstruction.options.max_iterations=5",
+    )  # fmt: skip
+    assert config.scene == Scene(image_pixels=256, glass="n_bk7", radiosity_W_m2=(1, 2, 3))
+    assert config.simulation.n_photons == 100_000
+    assert config.reconstruction.options == {"max_iterations": 5}
+
+
+def test_dump_reads_back_unchanged(tmp_path):
+    config = load_config("paper", ["reconstruction.options.tolerance=1e-7", "scene.wavelengths_m=[1e-6, 5e-7, 4.3e-7]"])
+    text = dump_config(config)
+    assert load(tmp_path, text) == config
+    assert yaml.safe_load(text)["reconstruction"]["options"]["tolerance"] == 1e-7
+    assert dump_config(load(tmp_path, text)) == text
+
+
+def test_fingerprint_changes_with_a_value_and_not_with_its_spelling(tmp_path):
+    one = load(tmp_path, "simulation: {n_photons: 1e6}\nscene: {glass: n_bk7}").fingerprint()
+    assert one == load(tmp_path, "scene: {glass: n_bk7}\nsimulation: {n_photons: 1000000}").fingerprint()
+    assert one != load(tmp_path, "scene: {glass: n_bk7}\nsimulation: {n_photons: 1000001}").fingerprint()
+
+
+def test_configuration_is_immutable():
+    with pytest.raises(ValueError, match="frozen"):
+        Config().scene = Scene()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("scene: {base_thicknes_m: 3e-3}", "scene.base_thicknes_m: unknown key; did you mean 'base_thickness_m'"),
+        ("scen: {}", "scen: unknown key; did you mean 'scene'"),
+        ("reliefs: {perturbation: {line_with_m: [0, 1]}}", "did you mean 'line_width_m'"),
+        ("scene: {base_thickness_m: 3}", "did you mean 0.003 (3 mm)"),
+        ("scene: {wavelengths_m: [610, 530, 430]}", "did you mean 6.1e-07 (610 nm)"),
+        ("scene: {wavelengths_m: [610e-9]}", "3 radiosities for 1 wavelengths"),
+        ("scene: {image_pixels: 0}", "scene.image_pixels"),
+        ("scene: {image_pixels: .nan}", "scene.image_pixels"),
+        ("scene: {screen_position_m: [0, 0, -.inf]}", "scene.screen_position_m"),
+        ("scene: {glass: [1]}", "scene.glass"),
+        ("scene: 5", "scene is a section"),
+        ("scene: {image_pixels: {a: 1}}", "image_pixels has no keys of its own"),
+        ("simulation: {n_photons: 0}", "simulation.n_photons"),
+        ("simulation: {n_photons: 1.5}", "simulation.n_photons"),
+        ("simulation: {seed: -1}", "simulation.seed"),
+        ("simulation: {preset: papr}", "use one of lattice, paper"),
+        ("denoiser: {k_down: 40}", "between 2 and 11"),
+        ("scene: {image_pixels: 64, image_pixels: 65}", "'image_pixels' is given twice"),
+        ("scene:\n  glass: n_bk7\nscene:\n  image_pixels: 4", "line 3: key 'scene' is given twice"),
+        ("a: &x [1]\nb: *x", "aliases"),
+        ("scene: {", "config.yaml"),
+        ("- 1", "holds no keys"),
+        ("just text", "holds no keys"),
+        ("? [1, 2]\n: 3", "a key must be a word"),
+        ("scene: !!python/object/apply:os.system ['true']", "could not determine a constructor"),
+        ("\0", "config.yaml"),
+        ("reconstruction: " + "[" * 5000, "config.yaml"),
+    ],
+)  # fmt: skip
+def test_bad_files_are_refused_in_one_line(tmp_path, text, reason):
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, text)
+    assert reason in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("setting", "reason"),
+    [
+        ("scene.image_pixels", "is not KEY=VALUE"),
+        ("=3", "is not KEY=VALUE"),
+        ("scene..image_pixels=3", "is not KEY=VALUE"),
+        ("scene.pixels=3", "did you mean 'image_pixels'"),
+        ("scene.wavelengths_m.0=3", "wavelengths_m has no keys of its own"),
+        ("scene=3", "scene is a section"),
+        ("scene.image_pixels=[", "--set scene.image_pixels=["),
+    ],
+)
+def test_bad_settings_are_refused(setting, reason):
+    with pytest.raises(InputError) as caught:
+        load_config(None, [setting])
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [("papr", "did you mean 'paper'"), ("zzz", "use one of paper, small"), ("./none.yaml", "does not exist")],
+)
+def test_missing_files_are_named(source, reason):
+    with pytest.raises(InputError) as caught:
+        load_config(source)
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00s", b"x" * 2_000_000])
+def test_files_that_are_no_text_or_huge_are_refused(tmp_path, content):
+    path = tmp_path / "config.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InputError):
+        load_config(str(path))

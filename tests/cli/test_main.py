@@ -1,0 +1,208 @@
+"""Exit codes and one-line errors, where it matters through the installed script."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rich_click as click
+
+from cli import main as main_module
+from warp_caustics.errors import DamagedDataError
+
+SCRIPT = Path(sys.executable).with_name("nsfc")
+FAKE = Path(__file__).with_name("fake_method.py")
+
+
+def nsfc(*arguments, **options):
+    return subprocess.run([SCRIPT, *map(str, arguments)], capture_output=True, text=True, timeout=120, **options)
+
+
+def assert_one_line(run, reason):
+    assert run.stdout == ""
+    assert run.stderr.startswith("error: ") and run.stderr.count("\n") == 1, run.stderr
+    assert reason in run.stderr
+
+
+def test_0_version():
+    run = nsfc("--version")
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.startswith("nsfc 0.")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["simulat"], "see nsfc --help"),
+        (["simulate"], "Missing argument 'HEIGHTS'; see nsfc simulate --help"),
+        (["simulate", "h.npy", "-o", "x.tif", "--seed", "1.5"], "'1.5' is not a whole number"),
+        (["config", "show", "--frob"], "--frob"),
+    ],
+)
+def test_2_usage(arguments, reason):
+    run = nsfc(*arguments)
+    assert run.returncode == 2
+    assert_one_line(run, reason)
+
+
+def test_3_bad_input():
+    run = nsfc("config", "show", "paper", "--set", "scene.image_pixls=3")
+    assert run.returncode == 3
+    assert_one_line(run, "did you mean 'image_pixels'")
+
+
+def test_4_damaged_data(tmp_path, inputs):
+    content = (inputs / "image.tif").read_bytes()
+    (tmp_path / "image.tif").write_bytes(content[: len(content) // 2])
+    run = nsfc("reconstruct", tmp_path / "image.tif", "-o", tmp_path / "out", "--config", "small")
+    assert run.returncode == 4
+    assert_one_line(run, "image.tif")
+
+
+def test_5_things_that_do_not_belong_together(tmp_path, inputs):
+    run = nsfc("reconstruct", inputs / "image.tif", "-o", tmp_path / "out")
+    assert run.returncode == 5
+    assert_one_line(run, "128 x 128")
+
+
+def test_6_missing_device(tmp_path, inputs):
+    run = nsfc(
+        "simulate", inputs / "heights.npy", "-o", tmp_path / "out.tif", "--config", "small", "--device", "cuda:99"
+    )
+    assert run.returncode == 6
+    assert_one_line(run, "cuda:99")
+
+
+def test_output_folder_may_be_anywhere(tmp_path, inputs):
+    """From another working directory, with relative paths and a config by name."""
+    run = nsfc(
+        "simulate", inputs / "heights.npy", "-o", "out.npy", "--config", "small", "--device", "cpu", cwd=tmp_path
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    assert np.load(tmp_path / "out.npy").shape == (3, 128, 128)
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "last"),
+    [(signal.SIGINT, 130, "the best result so far is in"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_signals_are_orderly(tmp_path, inputs, number, code, last):
+    """Ctrl-C while iterating writes the result; SIGTERM leaves nothing behind."""
+    options = "--set", "reconstruction.options.pause_s=0.01", "--max-iterations", "100000"
+    process = subprocess.Popen(
+        [sys.executable, FAKE, "reconstruct", inputs / "image.tif", "-o", tmp_path / "out", "--config", "small", *options],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    try:
+        line = ""
+        while "pretending" not in line:  # iterating now
+            line = process.stderr.readline()
+            assert line, "ended before it was interrupted"
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == code
+    assert last in errors.splitlines()[-1]
+    expected = ["out"] if number == signal.SIGINT else []
+    assert sorted(os.listdir(tmp_path)) == expected
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Turns a function into the command ``nsfc fail``."""
+
+    def install(function):
+        monkeypatch.setitem(main_module.COMMANDS, "fail", "cli.fake:fail")
+        module = type(sys)("cli.fake")
+        module.fail = click.command()(function)
+        monkeypatch.setitem(sys.modules, "cli.fake", module)
+
+    return install
+
+
+def test_1_a_bug_leaves_its_traceback_in_a_file(failing, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def fail():
+        raise KeyError("a bug\nof two lines")
+
+    failing(fail)
+    assert main_module.main(["fail"]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "unexpected KeyError" in error
+    (kept,) = tmp_path.iterdir()
+    assert str(kept) in error
+    assert "Traceback" in kept.read_text() and "test_main.py" in kept.read_text()
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "reason"),
+    [
+        (DamagedDataError("half a\n file"), 4, "error: half a file\n"),
+        (MemoryError(), 6, "out of memory"),
+        (RuntimeError("Failed to allocate 10 bytes on device 'cuda:0'"), 6, "out of memory"),
+        (OSError(28, "No space left on device"), 6, "No space left"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (main_module.Terminated(), 143, "terminated"),
+    ],
+)
+def test_errors_become_codes(failing, capsys, raised, code, reason):
+    def fail():
+        raise raised
+
+    failing(fail)
+    assert main_module.main(["fail"]) == code
+    error = capsys.readouterr().err
+    assert reason in error
+    assert error.strip().count("\n") == 0
+
+
+def test_validation_errors_become_one_line(failing, capsys):
+    def fail():
+        from warp_caustics.scene import Scene
+
+        Scene(image_pixels=0, height_samples=0)
+
+    failing(fail)
+    assert main_module.main(["fail"]) == 3
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "image_pixels" in error and "height_samples" in error
+
+
+def test_the_sigterm_handler_is_given_back():
+    before = signal.getsignal(signal.SIGTERM)
+    assert main_module.main(["--version"]) == 0
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_env_names_versions_and_devices(capsys):
+    import json
+
+    assert main_module.main(["env", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["versions"]["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert found["versions"]["warp-lang"].startswith("1.")
+    assert found["memory_bytes"] > 2**28 and found["cpu"]["cores"] >= 1
+    assert main_module.main(["env"]) == 0
+    assert found["kernel_cache"] in capsys.readouterr().out
+
+
+def test_config_check_says_ok_or_why_not(capsys):
+    assert main_module.main(["config", "check", "small"]) == 0
+    assert "small: ok, 32^2 heights" in capsys.readouterr().out
+    assert main_module.main(["config", "check", "small", "--set", "reconstruction.method=magic"]) == 3
+    assert "magic" in capsys.readouterr().err
+    assert main_module.main(["config", "check", "small", "--set", "reconstruction.options.no_such_option=1"]) == 3
+    assert "no_such_option" in capsys.readouterr().err
+
+
+def test_time_of_an_error_is_short():
+    """Bad configuration is found before anything heavy is loaded."""
+    start = time.perf_counter()
+    assert nsfc("simulate", "none.npy", "-o", "x.tif", "--set", "scene.image_pixels=0").returncode == 3
+    assert time.perf_counter() - start < 5.0

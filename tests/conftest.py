@@ -1,0 +1,21 @@
+"""Fixtures that several test packages share."""
+
+import pytest
+
+from warp_caustics.scene import Scene
+
+
+def pytest_addoption(parser):
+    parser.addoption("--device", default="cpu", help="device for tests that run on any: cpu, cuda, cuda:1")
+
+
+@pytest.fixture(scope="session")
+def device(request):
+    """Device of this test run."""
+    return request.config.getoption("--device")
+
+
+@pytest.fixture(scope="session")
+def tiny_scene():
+    """Tab. 1 with 16^2 heights and 32^2 pixels."""
+    return Scene(height_samples=16, image_pixels=32)

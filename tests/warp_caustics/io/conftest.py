@@ -1,0 +1,10 @@
+"""Tests that need the optional OpenEXR package are skipped without it."""
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _exr(request: pytest.FixtureRequest) -> None:
+    parameters = getattr(request.node, "callspec", None)
+    if parameters is not None and ".exr" in str(parameters.params.get("suffix", parameters.params.get("name", ""))):
+        pytest.importorskip("OpenEXR")

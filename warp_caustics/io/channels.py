@@ -1,0 +1,77 @@
+"""Which channel of an image is which wavelength of the scene."""
+
+from collections.abc import Sequence
+
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.io.image_file import ImageFile
+
+WAVELENGTH_TOLERANCE_M = 1e-9
+"""Lamps and filters are named in whole nanometres."""
+
+
+def in_nm(wavelengths_m: Sequence[float]) -> str:
+    """Wavelengths [m] as text in nanometres."""
+    return ", ".join(f"{wavelength * 1e9:.6g}" for wavelength in wavelengths_m) + " nm"
+
+
+def _requested_wavelengths_m(order: str | Sequence[float]) -> tuple[float, ...]:
+    """Wavelengths [m] of "610,530,430" in nm, or of a sequence in metres."""
+    try:
+        if isinstance(order, str):
+            values = tuple(float(part.strip().removesuffix("nm")) * 1e-9 for part in order.split(","))
+        else:
+            values = tuple(float(value) for value in order)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"wavelength order {order!r} is not readable; write for example 610,530,430 (nm)") from error
+    if not all(1e-7 < value < 1e-5 for value in values):
+        unit = "nanometres as text" if isinstance(order, str) else "metres (610e-9), or nanometres as text"
+        raise InputError(f"wavelength order {order!r} is no light; give {unit}, for example '610,530,430'")
+    return values
+
+
+def _match(file_m: Sequence[float], scene_m: Sequence[float], source: str) -> list[int]:
+    """For each wavelength of the scene its channel in the file."""
+    order = []
+    for wanted in scene_m:
+        nearest = min(range(len(file_m)), key=lambda channel: abs(file_m[channel] - wanted))
+        if abs(file_m[nearest] - wanted) > WAVELENGTH_TOLERANCE_M:
+            raise MismatchError(
+                f"{source}: {in_nm(file_m)}, but the scene has {in_nm(scene_m)}; use the scene's wavelengths, "
+                "give wavelength_order or change the scene"
+            )
+        order.append(nearest)
+    if len(set(order)) != len(order):
+        raise MismatchError(f"{source}: {in_nm(file_m)} repeat or lie too close together; give each channel once")
+    return order
+
+
+def channel_order(
+    image: ImageFile, scene_m: Sequence[float], requested: str | Sequence[float] | None
+) -> tuple[list[int], str]:
+    """For each wavelength of the scene [m] its channel in the image, and one line on how that was decided.
+
+    Raises:
+        MismatchError: the channels are not those of the scene.
+        InputError: a request that cannot be used, or nothing tells which channel is which.
+    """
+    count = len(image.values)
+    if requested is not None:
+        file_m = _requested_wavelengths_m(requested)
+        if len(file_m) != count:
+            raise InputError(f"wavelength order names {len(file_m)} channels, the image has {count}; name each once")
+    if count != len(scene_m):
+        one = "record all wavelengths, or choose a scene with one wavelength"
+        fix = one if count == 1 else "give an image with one channel per wavelength, or change the scene"
+        raise MismatchError(f"the image has {count} channels, the scene {len(scene_m)} wavelengths; {fix}")
+    if requested is not None:
+        return _match(file_m, scene_m, "wavelength order"), f"channels are {in_nm(file_m)}, as requested"
+    if image.wavelengths_m is not None:
+        recorded = image.wavelengths_m
+        return _match(recorded, scene_m, "the file records"), f"channels are {in_nm(recorded)}, as the file records"
+    falling = sorted(scene_m, reverse=True)
+    if list(scene_m) == falling or (count == 3 and image.format in ("png", "tiff", "exr")):
+        return _match(falling, scene_m, "channels"), f"channels taken as {in_nm(falling)}, longest wavelength first"
+    raise InputError(
+        f"which channel is which of {in_nm(scene_m)} is not recorded in the file; "
+        f"give wavelength_order, for example '{','.join(f'{value * 1e9:g}' for value in scene_m)}'"
+    )
