@@ -35,19 +35,12 @@ def rgb_composite(image: FloatArray, wavelengths_m: tuple[float, ...], white: fl
     return shown
 
 
-def write_overview(
-    path: PathLike,
-    *,
-    scene: Scene,
-    measured: FloatArray,
-    simulated: FloatArray,
-    heights_m: FloatArray,
-    caption: str = "",
-) -> None:
-    """Write four panels as an image, complete or not at all.
+def overview_figure(
+    *, scene: Scene, measured: FloatArray, simulated: FloatArray, heights_m: FloatArray, caption: str = ""
+) -> Figure:
+    """Four panels: input image, re-simulated image, heights, difference of the images.
 
     Args:
-        path: .png, .pdf or .svg.
         scene: gives plate size and wavelengths.
         measured: calibrated input [W/m^2], shape [n_w, m, m].
         simulated: caustic of the heights [W/m^2], shape [n_w, m, m].
@@ -66,18 +59,15 @@ def write_overview(
 
     residual = (simulated.astype(np.float64) - measured).mean(axis=0)
     limit = float(np.percentile(np.abs(residual), BRIGHTEST_PERCENT)) or 1.0
-    difference = _show(
-        panels[1, 1],
-        scene,
-        residual,
-        "re-simulated - input, mean of wavelengths",
-        cmap="RdBu_r",
-        vmin=-limit,
-        vmax=limit,
-    )
+    title = "re-simulated - input, mean of wavelengths"
+    difference = _show(panels[1, 1], scene, residual, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
     figure.colorbar(difference, ax=panels[1, 1], label="W/m$^2$", extend="both", shrink=0.82)
-    if caption:
-        figure.suptitle(caption)
+    figure.suptitle(caption)
+    return figure
+
+
+def write_overview(path: PathLike, figure: Figure) -> None:
+    """Write a figure as an image (.png, .pdf, .svg), complete or not at all."""
     with atomic_path(path) as temporary:
         figure.savefig(temporary)
 

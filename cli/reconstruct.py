@@ -243,7 +243,7 @@ def write_results(
 ) -> None:
     """Write the files of a result (``cli.results.FILES``) into a folder."""
     from cli.config import dump_config
-    from cli.overview import write_overview
+    from cli.overview import overview_figure, write_overview
     from warp_caustics.io.atomic import atomic_path
     from warp_caustics.io.heights import write_heights
     from warp_caustics.io.mesh import height_field_mesh, write_mesh
@@ -252,14 +252,14 @@ def write_results(
     write_heights(folder / "height.npy", result.heights_m)
     write_heights(folder / "height.tif", result.heights_m)
     write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
-    write_overview(
-        folder / "overview.png",
+    figure = overview_figure(
         scene=scene,
         measured=inputs.capture.irradiance,
         simulated=result.image,
         heights_m=result.heights_m,
         caption=f"{result.method}: {'; '.join(_figures(result, record))}",
     )
+    write_overview(folder / "overview.png", figure)
     for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
         with atomic_path(folder / name) as path:
             path.write_text(text, encoding="utf-8")

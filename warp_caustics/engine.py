@@ -20,11 +20,11 @@ import warp as wp
 
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
-from warp_caustics.kernels.splat import REACH, WIDENING, splat_kernels
+from warp_caustics.kernels.splat import REACH, splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
 from warp_caustics.photons import Chunk, PhotonPlan
-from warp_caustics.scene import Scene
+from warp_caustics.scene import Profile, Scene
 
 MIN_SIGMA_PX = 0.02
 """Standard deviation added to every footprint [px]: keeps the image differentiable where a caustic focuses
@@ -51,7 +51,7 @@ def _thread_pool() -> ThreadPoolExecutor:
 
 
 def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
-    """Standard deviation of the Gaussian footprint on the plate [m], s sqrt(A / (8 pi n_l)).
+    """Standard deviation of the footprint on the plate [m], s sqrt(A / (8 pi n_l)).
 
     The covariance of the biweight kernel 3/pi (1 - r^2)^2 of Frisvad et al. on
     a disc of radius s sqrt(A / (pi n_l)).
@@ -59,9 +59,9 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
 
 
-def margin_cells(smoothing: float) -> int:
+def margin_cells(smoothing: float, profile: Profile) -> int:
     """Lattice cells that a footprint of a flat plate reaches."""
-    return math.ceil(REACH * math.sqrt(WIDENING) * smoothing / math.sqrt(8 * math.pi))
+    return math.ceil(REACH[profile] * smoothing / math.sqrt(8 * math.pi))
 
 
 class Engine:
@@ -71,15 +71,23 @@ class Engine:
     engine's dtype on its device and contiguous.
     """
 
-    def __init__(self, scene: Scene, plan: PhotonPlan, smoothing: float, device: torch.device, dtype: torch.dtype):
-        self.scene, self.plan, self.smoothing = scene, plan, smoothing
+    def __init__(
+        self,
+        scene: Scene,
+        plan: PhotonPlan,
+        smoothing: float,
+        profile: Profile,
+        device: torch.device,
+        dtype: torch.dtype,
+    ):
+        self.scene, self.plan, self.smoothing, self.profile = scene, plan, smoothing, profile
         self.device, self.dtype = device, dtype
         wp.init()
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
         self.surface = surface_kernels(self.warp_dtype)
         self.tracer = trace_kernels(self.warp_dtype)
-        self.splatter = splat_kernels(self.warp_dtype)
+        self.splatter = splat_kernels(self.warp_dtype, profile)
         indices, exits = scene.glass_indices, scene.exit_indices
         self.eta = self._tensor([1 / n for n in indices])
         self.ratio = self._tensor([n / e for n, e in zip(indices, exits, strict=True)])
@@ -115,7 +123,7 @@ class Engine:
         """The same engine in float64."""
         if self.dtype == torch.float64:
             return self
-        return Engine(self.scene, self.plan, self.smoothing, self.device, torch.float64)
+        return Engine(self.scene, self.plan, self.smoothing, self.profile, self.device, torch.float64)
 
     # -- the linear stage -------------------------------------------------------------------------------------
 

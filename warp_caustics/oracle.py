@@ -11,8 +11,8 @@ import math
 import torch
 
 from warp_caustics.engine import MAX_SIGMA_FRACTION, MIN_SIGMA_PX, footprint_sigma_m
-from warp_caustics.kernels.splat import BOX_VARIANCE, NORMALISATION, REACH, WIDENING
-from warp_caustics.scene import Scene
+from warp_caustics.kernels.splat import BOX_VARIANCE, GAUSSIAN_REACH, NORMALISATION, WIDENING
+from warp_caustics.scene import Profile, Scene
 
 _EXTENSION = 24
 
@@ -95,35 +95,45 @@ def path_weight(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -
     return torch.where(in_cone, torch.relu(facing) * (nominal / distance) ** 2, torch.zeros_like(facing))
 
 
-def truncated_normal(t: torch.Tensor) -> torch.Tensor:
-    """Distribution function of a Gaussian of unit variance that ends at REACH standard deviations."""
-    scaled = torch.clamp(t / math.sqrt(WIDENING), -REACH, REACH)
+def profile_distribution(t: torch.Tensor, profile: Profile) -> torch.Tensor:
+    """Distribution function of the footprint's profile at t standard deviations."""
+    if profile == "spline":
+        # Integral of the quadratic B-spline: truncated powers of degree 3 at knots 2 apart.
+        terms = ((-1) ** k * math.comb(3, k) * torch.relu(t / 2 + 1.5 - k) ** 3 / 6 for k in range(4))
+        return sum(terms, torch.zeros_like(t))
+    scaled = torch.clamp(t / math.sqrt(WIDENING), -GAUSSIAN_REACH, GAUSSIAN_REACH)
     return 0.5 + NORMALISATION * (torch.special.ndtr(scaled) - 0.5)
 
 
-def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Integral of Gaussians over all pixels by the rule of ``kernels/splat.py``, without a window.
+def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int, profile: Profile) -> torch.Tensor:
+    """Integral of footprints over all pixels by the rule of ``kernels/splat.py``, without a window.
 
     Args:
         centre: (column, row) [px], shape [N, 2].
         covariance: [px^2], shape [N, 2, 2].
         pixels: m.
+        profile: shape of the footprint.
 
     Returns:
         Shape [N, m, m].
     """
     var_x, cov, var_y = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     edges = torch.arange(pixels + 1, dtype=torch.float64)
-    rows = truncated_normal((edges - centre[:, 1, None]) / var_y.sqrt()[:, None]).diff(dim=1)
+    rows = profile_distribution((edges - centre[:, 1, None]) / var_y.sqrt()[:, None], profile).diff(dim=1)
     beta = cov / (var_y + BOX_VARIANCE)
     row_centre = centre[:, 0, None] + beta[:, None] * (edges[:-1] + 0.5 - centre[:, 1, None])
     sigma = (var_x - beta * cov).sqrt()
-    columns = truncated_normal((edges - row_centre[:, :, None]) / sigma[:, None, None]).diff(dim=2)
+    columns = profile_distribution((edges - row_centre[:, :, None]) / sigma[:, None, None], profile).diff(dim=2)
     return rows[:, :, None] * columns
 
 
 def oracle_image(
-    heights: torch.Tensor, scene: Scene, positions: torch.Tensor, smoothing: float, n_photons: int | None = None
+    heights: torch.Tensor,
+    scene: Scene,
+    positions: torch.Tensor,
+    smoothing: float,
+    profile: Profile,
+    n_photons: int | None = None,
 ) -> torch.Tensor:
     """Irradiance [n_w, m, m] [W/m^2] of heights [n, n] [m] from photons at positions [N, 2] [m].
 
@@ -151,6 +161,6 @@ def oracle_image(
         covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
         covariance = covariance + MIN_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
         keep = torch.isfinite(centre).all(1) & (weight > 0)
-        shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels)
+        shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)
         channels.append(torch.einsum("p,pij->ij", weight[keep], shares) * scene.radiosity_W_m2[c])
     return torch.stack(channels)

@@ -161,6 +161,7 @@ class Scene(BaseModel):
 
 
 Placement = Literal["lattice", "stratified", "sobol", "random"]
+Profile = Literal["gaussian", "spline"]
 
 
 def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[str]:

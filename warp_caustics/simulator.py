@@ -1,7 +1,7 @@
 """The caustic simulator: heights in, irradiance out, differentiable."""
 
 import numbers
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -10,7 +10,7 @@ from warp_caustics.engine import Engine, margin_cells
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.photons import PhotonPlan
 from warp_caustics.presets import PRESETS, Preset
-from warp_caustics.scene import Placement, Scene
+from warp_caustics.scene import Placement, Profile, Scene
 
 MAX_SMOOTHING = 1e4
 
@@ -45,6 +45,7 @@ class CausticSimulator:
         device: ``"cpu"``, ``"cuda"``, ``"cuda:1"``.
         dtype: torch.float32 or torch.float64, of heights and image.
         placement: overrides the preset's: lattice, stratified, sobol or random.
+        profile: overrides the preset's footprint profile: gaussian or spline.
         role: photon sets of one seed with different roles are independent.
 
     Raises:
@@ -63,6 +64,7 @@ class CausticSimulator:
         device: str | torch.device = "cpu",
         dtype: torch.dtype = torch.float32,
         placement: Placement | None = None,
+        profile: Profile | None = None,
         role: str = "",
     ):
         if preset not in PRESETS:
@@ -77,10 +79,13 @@ class CausticSimulator:
             raise InputError(f"dtype {dtype} is not supported; use torch.float32 or torch.float64")
         self.dtype = dtype
         wished = defaults.photons(scene) if n_photons is None else n_photons
+        self.profile = profile or defaults.profile
+        if self.profile not in get_args(Profile):
+            raise InputError(f"profile {profile!r} is not known; use one of {', '.join(get_args(Profile))}")
         placement = placement or defaults.placement
-        margin = margin_cells(self.smoothing) if placement == "lattice" else 0
+        margin = margin_cells(self.smoothing, self.profile) if placement == "lattice" else 0
         self.plan = PhotonPlan(scene, placement, wished, self.seed, role, margin)
-        self.engine = Engine(scene, self.plan, self.smoothing, self.device, dtype)
+        self.engine = Engine(scene, self.plan, self.smoothing, self.profile, self.device, dtype)
 
     @property
     def n_photons(self) -> int:
@@ -112,6 +117,7 @@ class CausticSimulator:
             "placement": self.plan.placement,
             "n_photons": self.n_photons,
             "smoothing": self.smoothing,
+            "profile": self.profile,
             "seed": self.seed,
             "device": str(self.device),
             "dtype": str(self.dtype).removeprefix("torch."),

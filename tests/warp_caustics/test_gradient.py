@@ -51,11 +51,11 @@ def gradient(simulator, heights, weights):
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("placement", ["lattice", "random"])
-def test_gradient_matches_central_differences(name, placement):
+@pytest.mark.parametrize(("placement", "profile"), [("lattice", "spline"), ("random", "gaussian")])
+def test_gradient_matches_central_differences(name, placement, profile):
     """Along 32 random directions, to 1e-5 relative."""
     scene, heights = SCENES[name], bumpy_heights()
-    simulator, weights = make(scene, placement), random_image(scene)
+    simulator, weights = make(scene, placement, profile=profile), random_image(scene)
     _, grad = gradient(simulator, heights, weights)
     generator = torch.Generator().manual_seed(2)
     analytic, numeric = [], []
@@ -69,16 +69,17 @@ def test_gradient_matches_central_differences(name, placement):
     assert np.abs(analytic - numeric).max() <= 1e-5 * np.abs(numeric).max()
 
 
+@pytest.mark.parametrize("profile", ["gaussian", "spline"])
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("placement", PLACEMENTS)
-def test_image_and_gradient_match_the_oracle(name, placement):
+def test_image_and_gradient_match_the_oracle(name, placement, profile):
     """Torch route against the float64 oracle, to 1e-8 of the largest value."""
     scene, heights = SCENES[name], bumpy_heights()
-    simulator, weights = make(scene, placement, n_photons=400), random_image(scene)
+    simulator, weights = make(scene, placement, n_photons=400, profile=profile), random_image(scene)
     image, grad = gradient(simulator, heights, weights)
     ((_, positions),) = simulator.engine.chunks(1)
     leaf = heights.clone().requires_grad_()
-    expected = oracle_image(leaf, scene, positions, simulator.smoothing, simulator.n_photons)
+    expected = oracle_image(leaf, scene, positions, simulator.smoothing, simulator.profile, simulator.n_photons)
     (expected * weights).sum().backward()
     assert_close(image, expected.detach(), 1e-8)
     assert_close(grad, leaf.grad, 1e-8)

@@ -1,0 +1,79 @@
+"""What commands say, and where."""
+
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from cli.console import Console, json_text
+from warp_caustics.reconstruct.base import Progress
+
+
+def states(count, step_s):
+    return [Progress("level 1", i, count, 1 / i, i * step_s) for i in range(1, count + 1)]
+
+
+def run(console, all_states):
+    with console.progress() as show:
+        for state in all_states:
+            show(state)
+
+
+def test_log_lines_come_now_and_then(capsys):
+    run(Console(), states(100, step_s=0.5))
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 5  # at 0.5, 10.5, 20.5, ... s
+    assert lines[1] == "[   10.5 s] level 1: 21 of 100, residual 0.0476"
+
+
+def test_each_stage_is_announced(capsys):
+    run(Console(), [Progress(f"level {i}", i, 3, 0.1, 0.0) for i in (1, 2, 3)])
+    assert [line.split(": ")[0][-7:] for line in capsys.readouterr().err.splitlines()] == [
+        "level 1",
+        "level 2",
+        "level 3",
+    ]
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_terminal_gets_a_bar(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    run(Console(), states(3, step_s=0.1))
+    assert "level 1" in terminal.getvalue() and "3/3" in terminal.getvalue()
+
+
+def test_json_is_silent_but_for_the_record_and_warnings(capsys, monkeypatch):
+    console = Console(as_json=True)
+    run(console, states(3, step_s=20.0))
+    console.line("for people")
+    console.warn("careful")
+    console.record({"a": 1})
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == {"a": 1}
+    assert captured.err == "warning: careful\n"
+
+
+def test_without_json_no_record_is_printed(capsys):
+    Console().record({"a": 1})
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (float("nan"), None), (np.float32(0.5), 0.5), (np.array([1.0, np.inf]), [1.0, None]), ((1, "a"), [1, "a"]),
+        (np.int64(3), 3), (True, True), ({"k": {1: 2}}, {"k": {"1": 2}}), (complex(1, 2), "(1+2j)"),
+    ],
+)  # fmt: skip
+def test_records_become_plain_json(value, expected):
+    assert json.loads(json_text({"value": value})) == {"value": expected}
