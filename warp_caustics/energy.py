@@ -32,16 +32,14 @@ def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[st
     channels = scene.n_wavelengths
     light = torch.zeros(channels, len(FATE_NAMES), dtype=torch.float64, device=engine.device)
     paths = torch.zeros_like(light)
-    half_size = torch.tensor(scene.plate_size_m, dtype=torch.float64, device=engine.device) / 2
     batch = heights.detach().to(torch.float64)[None].contiguous()
     with engine.stream():
         coefficients = engine.coefficients(batch)
         for chunk, positions in engine.chunks(1):
             maps = engine.maps(coefficients, chunk, positions)
             _, energies, fates = engine.land(maps, positions)
-            on_plate = (positions.abs() < half_size).all(1)
             for fate in range(len(FATE_NAMES)):
-                is_fate = (fates[0] == fate) & on_plate
+                is_fate = fates[0] == fate
                 light[:, fate] += torch.where(is_fate, energies[0], 0.0).sum(1)
                 paths[:, fate] += is_fate.sum(1)
     pixel_x, pixel_y = scene.pixel_size_m

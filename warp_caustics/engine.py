@@ -59,11 +59,6 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
 
 
-def margin_cells(smoothing: float, profile: Profile) -> int:
-    """Lattice cells that a footprint of a flat plate reaches."""
-    return math.ceil(REACH[profile] * smoothing / math.sqrt(8 * math.pi))
-
-
 class Engine:
     """Arrays and kernels of one scene, photon plan, device and precision.
 
@@ -109,6 +104,9 @@ class Engine:
         optics.pixels_per_m_x, optics.pixels_per_m_y = 1 / pixel_x, 1 / pixel_y
         optics.image_pixels = scene.image_pixels
         optics.sigma0 = footprint_sigma_m(scene, self.smoothing, self.plan.count)
+        optics.half_x, optics.half_y = width / 2, length / 2
+        # A photon at distance a from an edge of the plate has its footprint squeezed to a / squeeze across it.
+        optics.squeeze = REACH[self.profile] if self.plan.placement == "lattice" else 0.0
         optics.min_var = MIN_SIGMA_PX**2
         optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
         optics.area = scene.plate_area_m2 / self.plan.count / (pixel_x * pixel_y)
@@ -155,7 +153,7 @@ class Engine:
         along_y, along_x = self._lattice_matrices
         a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows] for matrix in along_y)
         t0, t1, t2 = (coefficients @ matrix.T for matrix in along_x)
-        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.grid_columns)
+        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.columns)
         for k, (a, t) in enumerate(((a0, t0), (a0, t1), (a1, t0), (a0, t2), (a1, t1), (a2, t0))):
             planes[:, k] = a @ t
         return maps
@@ -182,7 +180,7 @@ class Engine:
         along_y, along_x = self._lattice_matrices
         a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows].T for matrix in along_y)
         b0, b1, b2 = along_x
-        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.grid_columns)
+        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
         through_value = a0 @ g[:, 0] + a1 @ g[:, 2] + a2 @ g[:, 5]
         through_slope = a0 @ g[:, 1] + a1 @ g[:, 4]
         through_curvature = a0 @ g[:, 3]
@@ -333,7 +331,7 @@ class Engine:
                 for chunk in self.plan.chunks(self._chunk_photons(batch)):
                     add(total, chunk, self.plan.positions(chunk, self.dtype, self.device))
                 return total
-        share = max(MIN_CHUNK_PHOTONS, -(-self.plan.traced // CPU_SLOTS))
+        share = max(MIN_CHUNK_PHOTONS, -(-self.plan.count // CPU_SLOTS))
         limit = min(self._chunk_photons(batch), share)
         chunks = list(self.plan.chunks(limit))
         slots = [chunks[k::CPU_SLOTS] for k in range(min(CPU_SLOTS, len(chunks)))]

@@ -47,14 +47,13 @@ def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
 
     Args:
         n: number of samples along the axis.
-        u: sample coordinates, shape [k]; beyond the plate's edges at -1/2 and n - 1/2 those of the edge count.
+        u: sample coordinates in [-1/2, n - 1/2], shape [k].
         derivative: 0, 1 or 2; derivatives are per sample pitch.
 
     Returns:
         Shape [k, n + 4].
     """
-    u = np.clip(u, -0.5, n - 0.5)
-    cell = np.floor(u).astype(int)
+    cell = np.clip(np.floor(u).astype(int), -1, n - 1)
     t = u - cell
     if derivative == 0:
         weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]

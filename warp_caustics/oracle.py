@@ -11,7 +11,7 @@ import math
 import torch
 
 from warp_caustics.engine import MAX_SIGMA_FRACTION, MIN_SIGMA_PX, footprint_sigma_m
-from warp_caustics.kernels.splat import BOX_VARIANCE, GAUSSIAN_REACH, NORMALISATION, WIDENING
+from warp_caustics.kernels.splat import BOX_VARIANCE, GAUSSIAN_REACH, NORMALISATION, REACH, WIDENING
 from warp_caustics.scene import Profile, Scene
 
 _EXTENSION = 24
@@ -38,13 +38,10 @@ def spline_basis(u: torch.Tensor) -> torch.Tensor:
 
 
 def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
-    """h at a point (x, y) [m], shape [2] -> scalar [m]; beyond the plate that of its edge."""
+    """h at a point (x, y) [m], shape [2] -> scalar [m]."""
     n = scene.height_samples
     index = torch.arange(coefficients.shape[0], dtype=torch.float64) - _EXTENSION
-    # Shifted by a constant instead of clamped, so that slopes and curvatures of the edge stay too.
-    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)
-    inside = point - (point - torch.clamp(point, -size / 2, size / 2)).detach()
-    u, v = (inside / size + 0.5) * n - 0.5
+    u, v = (point / torch.tensor(scene.plate_size_m, dtype=torch.float64) + 0.5) * n - 0.5
     return spline_basis(v - index) @ coefficients @ spline_basis(u - index)
 
 
@@ -133,13 +130,13 @@ def oracle_image(
     positions: torch.Tensor,
     smoothing: float,
     profile: Profile,
-    n_photons: int | None = None,
+    squeeze: bool = False,
 ) -> torch.Tensor:
     """Irradiance [n_w, m, m] [W/m^2] of heights [n, n] [m] from photons at positions [N, 2] [m].
 
-    Differentiable by autograd. ``n_photons`` is n_l if the positions are only a part of all photons.
+    Differentiable by autograd. ``squeeze`` ends footprints at the edge of the plate, as for lattices.
     """
-    count = n_photons or len(positions)
+    count = len(positions)
     coefficients = spline_coefficients(heights.to(torch.float64))
     pixel = torch.tensor(scene.pixel_size_m, dtype=torch.float64)
     window = torch.tensor(scene.screen_position_m[:2], dtype=torch.float64)
@@ -147,6 +144,10 @@ def oracle_image(
     sigma0 = footprint_sigma_m(scene, smoothing, count)
     share = scene.plate_area_m2 / count / float(pixel.prod())
     weight = torch.vmap(lambda p: path_weight(p, coefficients, scene))(positions) * share
+    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)
+    sigma = torch.full_like(positions, sigma0)
+    if squeeze:
+        sigma = torch.minimum(sigma, (size / 2 - positions.abs()) / REACH[profile])
     channels = []
     for c in range(scene.n_wavelengths):
 
@@ -154,7 +155,7 @@ def oracle_image(
             return screen_position(p, coefficients, scene, channel)
 
         centre = (torch.vmap(landing)(positions) - corner) / pixel
-        jacobian = torch.vmap(torch.func.jacfwd(landing))(positions) / pixel[:, None] * sigma0
+        jacobian = torch.vmap(torch.func.jacfwd(landing))(positions) / pixel[:, None] * sigma[:, None, :]
         covariance = jacobian @ jacobian.transpose(1, 2)
         trace = covariance.diagonal(dim1=1, dim2=2).sum(1)
         largest = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2

@@ -3,11 +3,6 @@
 ``lattice``: cell centres of a regular grid, deterministic and free of noise.
 ``stratified``: one uniform photon per cell. ``sobol``: a scrambled Sobol
 sequence. ``random``: independent and uniform, as in the paper.
-
-A lattice is continued beyond the plate by the reach of a footprint. These
-margin photons see the relief of the plate's edge. They bring in through the
-edge what the footprints of the plate's own photons spread out through it;
-without them the border of the image would be too dark.
 """
 
 import hashlib
@@ -60,7 +55,6 @@ class PhotonPlan:
         requested: wished number of photons n_l; grids round it to columns x rows.
         seed: selects the photon set (unused for the lattice).
         role: distinguishes photon sets of one seed that must be independent.
-        margin: lattice cells beyond each edge of the plate.
     """
 
     scene: Scene
@@ -68,7 +62,6 @@ class PhotonPlan:
     requested: int
     seed: int = 0
     role: str = ""
-    margin: int = 0
 
     def __post_init__(self) -> None:
         if self.placement not in get_args(Placement):
@@ -95,44 +88,26 @@ class PhotonPlan:
 
     @cached_property
     def count(self) -> int:
-        """Actual number of photons on the plate, n_l."""
+        """Actual number of photons n_l."""
         return self.columns * self.rows if self.is_grid else int(self.requested)
-
-    @property
-    def traced(self) -> int:
-        """Photons traced, those of the margin included."""
-        return self.grid_columns * self.grid_rows if self.is_grid else self.count
-
-    @property
-    def grid_columns(self) -> int:
-        """Photons per grid row, margins included."""
-        return self.columns + 2 * self.margin
-
-    @property
-    def grid_rows(self) -> int:
-        """Grid rows, margins included."""
-        return self.rows + 2 * self.margin
 
     @cached_property
     def grid_x(self) -> FloatArray:
-        """x of the grid's cell centres [m], shape [grid_columns]."""
-        return self._grid_axis(self.columns, self.scene.plate_size_m[0])
+        """x of the grid's cell centres [m], shape [columns]."""
+        return cell_centres(self.columns, self.scene.plate_size_m[0])
 
     @cached_property
     def grid_y(self) -> FloatArray:
-        """y of the grid's cell centres [m], shape [grid_rows]."""
-        return self._grid_axis(self.rows, self.scene.plate_size_m[1])
-
-    def _grid_axis(self, cells: int, length_m: float) -> FloatArray:
-        return cell_centres(cells + 2 * self.margin, length_m * (1 + 2 * self.margin / cells))
+        """y of the grid's cell centres [m], shape [rows]."""
+        return cell_centres(self.rows, self.scene.plate_size_m[1])
 
     def chunks(self, max_photons: int) -> Iterator[Chunk]:
         """Cut into chunks of at most max_photons (grids: whole rows, at least one)."""
         if self.is_grid:
-            step = max(1, max_photons // self.grid_columns)
-            for row in range(0, self.grid_rows, step):
-                rows = min(step, self.grid_rows - row)
-                yield Chunk(row * self.grid_columns, rows * self.grid_columns, row, rows)
+            step = max(1, max_photons // self.columns)
+            for row in range(0, self.rows, step):
+                rows = min(step, self.rows - row)
+                yield Chunk(row * self.columns, rows * self.columns, row, rows)
         else:
             for first in range(0, self.count, max_photons):
                 yield Chunk(first, min(max_photons, self.count - first))
@@ -143,7 +118,7 @@ class PhotonPlan:
         if self.placement == "lattice":
             x = torch.as_tensor(self.grid_x, dtype=dtype, device=device)
             y = torch.as_tensor(self.grid_y[chunk.first_row : chunk.first_row + chunk.rows], dtype=dtype, device=device)
-            return torch.stack([x.repeat(chunk.rows), y.repeat_interleave(self.grid_columns)], dim=1)
+            return torch.stack([x.repeat(chunk.rows), y.repeat_interleave(self.columns)], dim=1)
         key0, key1 = photon_key(self.seed, self.role)
         if self.placement == "sobol":
             engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=key0)

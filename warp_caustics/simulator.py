@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch.autograd.function import once_differentiable
 
-from warp_caustics.engine import Engine, margin_cells
+from warp_caustics.engine import Engine
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.photons import PhotonPlan
 from warp_caustics.presets import PRESETS, Preset
@@ -83,8 +83,7 @@ class CausticSimulator:
         if self.profile not in get_args(Profile):
             raise InputError(f"profile {profile!r} is not known; use one of {', '.join(get_args(Profile))}")
         placement = placement or defaults.placement
-        margin = margin_cells(self.smoothing, self.profile) if placement == "lattice" else 0
-        self.plan = PhotonPlan(scene, placement, wished, self.seed, role, margin)
+        self.plan = PhotonPlan(scene, placement, wished, self.seed, role)
         self.engine = Engine(scene, self.plan, self.smoothing, self.profile, self.device, dtype)
 
     @property

@@ -60,15 +60,12 @@ def surface_kernels(dtype: Any) -> SimpleNamespace:
         # outputs
         maps: wp.array3d[dtype],
     ):
-        """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m].
-
-        Positions beyond the plate see the relief of its edge.
-        """
+        """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m]."""
         b, p = wp.tid()
-        u = wp.clamp(positions[p, 0] * samples_per_m_x + half * dtype(n) - half, -half, dtype(n) - half)
-        v = wp.clamp(positions[p, 1] * samples_per_m_y + half * dtype(n) - half, -half, dtype(n) - half)
-        column = wp.int32(wp.floor(u))
-        row = wp.int32(wp.floor(v))
+        u = positions[p, 0] * samples_per_m_x + half * dtype(n) - half
+        v = positions[p, 1] * samples_per_m_y + half * dtype(n) - half
+        column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
+        row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
         tx = u - dtype(column)
         ty = v - dtype(row)
         wx = spline_weights(tx)

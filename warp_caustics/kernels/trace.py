@@ -7,6 +7,10 @@ and meets the screen. All derivatives of the screen position with respect to
 covariance sigma0^2 J J^T uses the exact Jacobian J of the map plate -> screen
 (photon differentials: Igehy 1999; Frisvad et al., CGF 33(6), 252 (2014)).
 
+Light ends at the edge of the plate: the footprints of a photon lattice are
+squeezed where they would reach over it. Otherwise the image's border would be
+too dark, and a reconstruction bend the whole plate to brighten it.
+
 Not modelled: Fresnel losses, a second hit of the relief, shadows that one part
 of the relief throws on another.
 """
@@ -40,6 +44,9 @@ def optics_struct(dtype: Any) -> Any:
         pixels_per_m_y: dtype
         image_pixels: dtype
         sigma0: dtype  # standard deviation of the footprint on the plate [m]
+        half_x: dtype  # half the plate [m]
+        half_y: dtype
+        squeeze: dtype  # standard deviations between a photon and the nearest edge, at least
         min_var: dtype  # variance added to every footprint [px^2]
         max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
         area: dtype  # plate area one path stands for, over the pixel's area
@@ -194,12 +201,15 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             shift_x = shift_differential(h, h_x, t, dt_x, q, ratio[c], optics.base, optics.gap)
             shift_y = shift_differential(h, h_y, t, dt_y, q, ratio[c], optics.base, optics.gap)
             # Columns of J, in standard deviations of the footprint and pixels.
-            scale_x = optics.sigma0 * optics.pixels_per_m_x
-            scale_y = optics.sigma0 * optics.pixels_per_m_y
-            ux = (one + shift_x[0]) * scale_x
-            uy = shift_x[1] * scale_y
-            vx = shift_y[0] * scale_x
-            vy = (one + shift_y[1]) * scale_y
+            sigma_x = optics.sigma0
+            sigma_y = optics.sigma0
+            if optics.squeeze > zero:
+                sigma_x = wp.min(sigma_x, (optics.half_x - wp.abs(x)) / optics.squeeze)
+                sigma_y = wp.min(sigma_y, (optics.half_y - wp.abs(y)) / optics.squeeze)
+            ux = (one + shift_x[0]) * sigma_x * optics.pixels_per_m_x
+            uy = shift_x[1] * sigma_x * optics.pixels_per_m_y
+            vx = shift_y[0] * sigma_y * optics.pixels_per_m_x
+            vy = (one + shift_y[1]) * sigma_y * optics.pixels_per_m_y
             var_x = ux * ux + vx * vx
             cov = ux * uy + vx * vy
             var_y = uy * uy + vy * vy

@@ -1,0 +1,40 @@
+"""Reconstruction methods by name."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pydantic
+import torch
+
+from warp_caustics.errors import InputError
+from warp_caustics.reconstruct.base import Reconstructor
+from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.scene import Scene, validation_lines
+
+
+def _refine(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Refine(scene, RefineOptions(**options), device)
+
+
+METHODS: dict[str, Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]] = {"refine": _refine}
+
+
+def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **options: Any) -> Reconstructor:
+    """The reconstruction method of that name.
+
+    Args:
+        name: one of :data:`METHODS`.
+        scene: the set-up of the measurement.
+        device: where to compute.
+        options: the method's own settings.
+
+    Raises:
+        InputError: unknown method or option.
+        ResourceError: the device is missing.
+    """
+    if name not in METHODS:
+        raise InputError(f"method {name!r} is not known; use one of {', '.join(METHODS)}")
+    try:
+        return METHODS[name](scene, options, device)
+    except pydantic.ValidationError as error:
+        raise InputError("; ".join(validation_lines(error, name))) from error

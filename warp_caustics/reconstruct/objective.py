@@ -1,0 +1,77 @@
+"""What a reconstruction minimises: image data term plus priors on the relief.
+
+All terms are means, so that their weights hold at every pyramid level.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+
+DataTerm = Literal["charbonnier", "l2", "sqrt"]
+
+SQRT_OFFSET = 0.05
+"""Irradiance added under the root, relative to the radiosity: bounds the slope in the dark."""
+
+HEIGHT_SCALE_M = 1e-5
+"""Negative heights are counted in this unit [m]."""
+
+SLOPE_SCALE = 1e-2
+"""Slopes below this count quadratically in the total variation [1]."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A caustic at one pyramid level.
+
+    Attributes:
+        irradiance: in units of the radiosity, shape [n_w, m, m].
+        weight: 1 where a pixel counts, 0 where not, same shape.
+        noise: standard deviation of each pixel, same shape; None if unknown.
+    """
+
+    irradiance: torch.Tensor
+    weight: torch.Tensor
+    noise: torch.Tensor | None
+
+    def data_term(self, image: torch.Tensor, kind: DataTerm, width: float) -> torch.Tensor:
+        """Mean misfit of an image; in float64, since float32 sums stall a line search.
+
+        charbonnier: sqrt(r^2 + width^2) - width, grows linearly, so that bright caustic lines which do not
+        overlap yet do not outweigh all the rest. l2: r^2 / 2. sqrt: l2 of the roots, which makes shot noise uniform.
+        """
+        if kind == "sqrt":
+            dark = SQRT_OFFSET
+            residual = 2 * ((image + dark).sqrt() - (self.irradiance.clamp_min(0) + dark).sqrt())
+        else:
+            residual = image - self.irradiance
+        residual = residual.double()
+        if kind == "charbonnier":
+            loss = (residual**2 + width**2).sqrt() - width
+        else:
+            loss = residual**2 / 2
+        return (loss * self.weight).sum() / self.weight.sum()
+
+    def relative_residual(self, image: torch.Tensor) -> float:
+        """||image - measured|| / ||measured|| over the pixels that count."""
+        difference = (image - self.irradiance) * self.weight
+        return float(difference.double().norm() / (self.irradiance * self.weight).double().norm())
+
+    def discrepancy(self, image: torch.Tensor) -> float | None:
+        """RMS residual in units of the noise: 1 where a relief explains the image; None without a noise estimate."""
+        if self.noise is None:
+            return None
+        squared = ((image - self.irradiance).double() / self.noise) ** 2 * self.weight
+        return float((squared.sum() / self.weight.sum()).sqrt())
+
+
+def total_variation(heights: torch.Tensor, pitch_m: tuple[float, float]) -> torch.Tensor:
+    """Mean smoothed slope magnitude [1] of heights [n, n] [m]: favours flat plate between the lines."""
+    slope_x = heights.diff(dim=1)[:-1] / pitch_m[0]
+    slope_y = heights.diff(dim=0)[:, :-1] / pitch_m[1]
+    return ((slope_x**2 + slope_y**2 + SLOPE_SCALE**2).sqrt() - SLOPE_SCALE).mean()
+
+
+def negativity(heights: torch.Tensor) -> torch.Tensor:
+    """Mean squared depth below the plate, in units of 10 um: prints add glass, they take none away."""
+    return (torch.relu(-heights) / HEIGHT_SCALE_M).square().mean()

@@ -1,0 +1,90 @@
+"""Coarse versions of a measured caustic.
+
+Pixels are means over squares, so a coarse pixel is exactly the mean of its
+fine pixels, and the same scene simulated with fewer pixels must reproduce it.
+"""
+
+import numpy as np
+import torch
+
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.reconstruct.base import CausticImage, FloatArray
+from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.scene import Scene
+
+DARK_FLOOR = 0.05
+"""Noise is taken to grow as the root of the irradiance (shot noise), from this irradiance on."""
+
+
+def check_image(image: CausticImage, scene: Scene) -> None:
+    """Refuse an image that does not belong to the scene.
+
+    Raises:
+        MismatchError: wrong number of wavelengths or pixels.
+        InputError: values that are not finite, or no light at all.
+    """
+    expected = (scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
+    if image.irradiance.shape != expected:
+        raise MismatchError(
+            f"image has shape {list(image.irradiance.shape)}, the scene {list(expected)}; "
+            "crop or resample it, or set scene.image_pixels and scene.wavelengths_m"
+        )
+    if not np.isfinite(image.irradiance).all():
+        raise InputError("image has pixels that are not finite; mask or repair them")
+    if image.irradiance.mean() <= 0:
+        raise InputError(f"image has mean {image.irradiance.mean():g} W/m^2, nothing to see; check the dark frame")
+
+
+def check_initial(initial: FloatArray, scene: Scene) -> None:
+    """Refuse a starting relief that does not fit the scene.
+
+    Raises:
+        InputError: wrong shape, values that are not finite, or a hole through the plate.
+    """
+    n = scene.height_samples
+    if initial.shape != (n, n):
+        raise InputError(f"initial heights have shape {list(initial.shape)}, the scene needs [{n}, {n}]; resample them")
+    if not np.isfinite(initial).all():
+        raise InputError("initial heights are not finite everywhere; repair them")
+    if initial.min() <= -scene.base_thickness_m:
+        raise InputError(
+            f"initial height {initial.min():g} m cuts through the plate of {scene.base_thickness_m:g} m; give metres"
+        )
+
+
+def measurement_at(image: CausticImage, scene: Scene, pixels: int, device: torch.device) -> Measurement:
+    """The caustic binned to pixels x pixels, in units of the radiosity. ``pixels`` must divide the image."""
+    channels, m, _ = image.irradiance.shape
+    factor = m // pixels
+    radiosity = np.asarray(scene.radiosity_W_m2)[:, None, None]
+    mask = np.ones(image.irradiance.shape, bool) if image.mask is None else image.mask
+    mask = mask & (radiosity > 0)
+    scale = np.where(radiosity > 0, radiosity, 1.0)
+    relative = np.where(mask, image.irradiance / scale, 0.0)
+
+    def binned(values: FloatArray) -> FloatArray:
+        return values.reshape(channels, pixels, factor, pixels, factor).sum(axis=(2, 4))
+
+    counts = binned(mask.astype(np.float64))
+    # A coarse pixel with a saturated part would be too dark: it counts only if all of it does.
+    whole = counts == factor**2
+    mean = binned(relative) / np.maximum(counts, 1)
+    noise = None
+    if image.noise_std is not None and (np.asarray(image.noise_std) > 0).all():
+        std = np.asarray(image.noise_std)[:, None, None] / scale
+        noise = torch.as_tensor(std * np.sqrt(np.maximum(mean, DARK_FLOOR)) / factor, device=device)
+    return Measurement(
+        irradiance=torch.as_tensor(mean, dtype=torch.float32, device=device),
+        weight=torch.as_tensor(whole, dtype=torch.float32, device=device),
+        noise=noise,
+    )
+
+
+def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:
+    """Image sizes from coarse to fine: finest, finest / 2, ... while whole and at least coarsest."""
+    if not 1 <= finest <= image_pixels or image_pixels % finest:
+        raise InputError(f"finest level of {finest} pixels does not divide the image of {image_pixels}; use a divisor")
+    sizes = [finest]
+    while sizes[0] % 2 == 0 and sizes[0] // 2 >= coarsest:
+        sizes.insert(0, sizes[0] // 2)
+    return sizes
