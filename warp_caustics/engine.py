@@ -20,6 +20,7 @@ import warp as wp
 
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
+from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.kernels.splat import REACH, splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
@@ -77,7 +78,7 @@ class Engine:
     ):
         self.scene, self.plan, self.smoothing, self.profile = scene, plan, smoothing, profile
         self.device, self.dtype = device, dtype
-        wp.init()
+        start_warp()
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
         self.surface = surface_kernels(self.warp_dtype)

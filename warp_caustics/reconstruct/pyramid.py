@@ -52,8 +52,13 @@ def check_initial(initial: FloatArray, scene: Scene) -> None:
         )
 
 
-def measurement_at(image: CausticImage, scene: Scene, pixels: int, device: torch.device) -> Measurement:
-    """The caustic binned to pixels x pixels, in units of the radiosity. ``pixels`` must divide the image."""
+def measurement_at(
+    image: CausticImage, scene: Scene, pixels: int, device: torch.device, border: int = 0
+) -> Measurement:
+    """The caustic binned to pixels x pixels, in units of the radiosity.
+
+    ``pixels`` must divide the image; the outermost ``border`` pixels do not count.
+    """
     channels, m, _ = image.irradiance.shape
     factor = m // pixels
     radiosity = np.asarray(scene.radiosity_W_m2)[:, None, None]
@@ -68,6 +73,10 @@ def measurement_at(image: CausticImage, scene: Scene, pixels: int, device: torch
     counts = binned(mask.astype(np.float64))
     # A coarse pixel with a saturated part would be too dark: it counts only if all of it does.
     whole = counts == factor**2
+    if border:
+        inside = np.zeros_like(whole)
+        inside[:, border:-border, border:-border] = True
+        whole = whole & inside
     mean = binned(relative) / np.maximum(counts, 1)
     noise = None
     if image.noise_std is not None and (np.asarray(image.noise_std) > 0).all():
