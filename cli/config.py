@@ -23,7 +23,7 @@ from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.presets import PRESETS
-from warp_caustics.scene import Placement, Scene, validation_lines
+from warp_caustics.scene import Placement, Profile, Scene, validation_lines
 
 MAX_CONFIG_BYTES = 1_000_000
 MAX_PROBLEMS = 3
@@ -41,7 +41,7 @@ def _check_preset(value: str) -> str:
 
 
 class SimulationConfig(_Strict):
-    """How the caustic is simulated; None takes the preset's value."""
+    """How ``nsfc simulate`` simulates; None takes the preset's value. Methods choose their own photons."""
 
     preset: Annotated[str, AfterValidator(_check_preset)] = "lattice"
     n_photons: Annotated[int, Field(ge=1)] | None = None
@@ -49,6 +49,8 @@ class SimulationConfig(_Strict):
     smoothing: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """s: scales the photon footprint."""
     placement: Placement | None = None
+    profile: Profile | None = None
+    """Shape of a photon's footprint."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console, json_text
-from cli.options import config_options, device_option, integer, json_option, number, seed_option, start_device
+from cli.options import config_options, device_option, integer, json_option, number, start_device
 
 if TYPE_CHECKING:
     from cli.config import Config
@@ -34,10 +34,10 @@ EXIT_INTERRUPTED = 130
 @click.option("--dataset", help="Array in an HDF5 or NPZ file. [default: image]")
 @click.option("--initial", type=click.Path(), help="Height map to start from. [default: the method's choice]")
 @click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
-@click.option("--max-iterations", type=integer, help="Stop after so many iterations.")
+@click.option("--max-iterations", type=integer, help="Iterations per stage, at most.")
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
+@click.option("--seed", type=integer, help="For methods that draw random numbers; refine draws none.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
-@seed_option
 @device_option
 @config_options
 @json_option
@@ -220,6 +220,9 @@ def result_record(result: "Reconstruction", inputs: Inputs, config: "Config") ->
         "stop_reason": result.stop_reason,
         "iterations": len(result.history),
         "errors": None if reference is None else height_errors(result.heights_m, reference, plate),
+        "initial_errors": None
+        if reference is None or inputs.initial is None
+        else height_errors(inputs.initial, reference, plate),
         "height_range_m": [result.heights_m.min(), result.heights_m.max()],
         "timings_s": result.timings_s,
         "counters": result.counters,
@@ -291,4 +294,6 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
             f"errors     RMSE {errors['rmse_um']:.4g} um (without the mean {errors['rmse_mean_removed_um']:.4g}), "
             f"95 % within {errors['quantile95_um']:.4g} um; a flat guess has {errors['reference_rms_um']:.4g} um"
         )
+    if record["initial_errors"]:
+        lines.append(f"start      RMSE {record['initial_errors']['rmse_um']:.4g} um")
     return lines

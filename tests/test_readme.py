@@ -27,6 +27,9 @@ def test_commands_exist():
 def test_named_files_exist():
     for name in re.findall(r"`((?:configs|constraints|examples)/[\w./-]+)`", README):
         assert (ROOT / name).exists(), name
+    links = re.findall(r"\]\((?!https?:)([^)]+)\)", README)
+    assert "docs/demo.png" in links
+    assert all((ROOT / link).is_file() for link in links)
 
 
 def test_result_files_are_those_written():

@@ -56,4 +56,3 @@ def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[st
         "emitted_W": (emitted * radiosity * pixel_x * pixel_y).tolist(),
         **{name: fractions[:, k].tolist() for k, name in enumerate(FATE_NAMES)},
     }
-

@@ -50,7 +50,6 @@ def _thread_pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=min(CPU_SLOTS, torch.get_num_threads()), thread_name_prefix="caustics")
 
 
-
 def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     """Standard deviation of the footprint on the plate [m], s sqrt(A / (8 pi n_l)).
 
@@ -107,7 +106,9 @@ class Engine:
         optics.sigma0 = footprint_sigma_m(scene, self.smoothing, self.plan.count)
         optics.half_x, optics.half_y = width / 2, length / 2
         # A photon at distance a from an edge of the plate has its footprint squeezed to a / squeeze across it.
-        optics.squeeze = REACH[self.profile] if self.plan.placement == "lattice" else 0.0
+        # That moves a sixth of a lattice cell's light to its neighbour, which must not show: only inside a pixel.
+        is_fine = self.plan.count >= scene.image_pixels**2
+        optics.squeeze = REACH[self.profile] if self.plan.placement == "lattice" and is_fine else 0.0
         optics.min_var = MIN_SIGMA_PX**2
         optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
         optics.area = scene.plate_area_m2 / self.plan.count / (pixel_x * pixel_y)

@@ -10,7 +10,9 @@ from warp_caustics.errors import InputError
 FloatArray = npt.NDArray[np.floating[Any]]
 
 
-def height_errors(heights_m: FloatArray, reference_m: FloatArray, plate_size_m: tuple[float, float]) -> dict[str, float]:
+def height_errors(
+    heights_m: FloatArray, reference_m: FloatArray, plate_size_m: tuple[float, float]
+) -> dict[str, float]:
     """Errors of a relief against the true one, both above the base.
 
     Args:

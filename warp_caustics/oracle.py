@@ -29,12 +29,14 @@ def spline_coefficients(heights: torch.Tensor) -> torch.Tensor:
     # Beyond the extension the coefficients equal the constant edge value.
     matrix[0, 0] += 1 / 6
     matrix[-1, -1] += 1 / 6
-    return torch.linalg.solve(matrix, torch.linalg.solve(matrix, extended).T).T
+    coefficients: torch.Tensor = torch.linalg.solve(matrix, torch.linalg.solve(matrix, extended).T).T
+    return coefficients
 
 
 def spline_basis(u: torch.Tensor) -> torch.Tensor:
     """Centred cubic B-spline, sum_k (-1)^k binom(4, k) (u + 2 - k)_+^3 / 6."""
-    return sum((-1) ** k * math.comb(4, k) * torch.relu(u + 2 - k) ** 3 / 6 for k in range(5))  # type: ignore[return-value]
+    terms = ((-1) ** k * math.comb(4, k) * torch.relu(u + 2 - k) ** 3 / 6 for k in range(5))
+    return sum(terms, torch.zeros_like(u))
 
 
 def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
@@ -66,7 +68,8 @@ def incident_direction(position: torch.Tensor, scene: Scene) -> torch.Tensor:
     if scene.is_collimated:
         return torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
     ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
-    return ray / torch.linalg.vector_norm(ray)
+    unit: torch.Tensor = ray / torch.linalg.vector_norm(ray)
+    return unit
 
 
 def refract(direction: torch.Tensor, normal: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
@@ -99,7 +102,8 @@ def profile_distribution(t: torch.Tensor, profile: Profile) -> torch.Tensor:
         terms = ((-1) ** k * math.comb(3, k) * torch.relu(t / 2 + 1.5 - k) ** 3 / 6 for k in range(4))
         return sum(terms, torch.zeros_like(t))
     scaled = torch.clamp(t / math.sqrt(WIDENING), -GAUSSIAN_REACH, GAUSSIAN_REACH)
-    return 0.5 + NORMALISATION * (torch.special.ndtr(scaled) - 0.5)
+    below: torch.Tensor = 0.5 + NORMALISATION * (torch.special.ndtr(scaled) - 0.5)
+    return below
 
 
 def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int, profile: Profile) -> torch.Tensor:

@@ -122,7 +122,7 @@ class PhotonPlan:
         key0, key1 = photon_key(self.seed, self.role)
         if self.placement == "sobol":
             engine = torch.quasirandom.SobolEngine(2, scramble=True, seed=key0)
-            unit = engine.fast_forward(chunk.first).draw(chunk.count, dtype=torch.float64)
+            unit: torch.Tensor = engine.fast_forward(chunk.first).draw(chunk.count, dtype=torch.float64)
             return ((unit - 0.5) * torch.tensor([width, length], dtype=torch.float64)).to(dtype).to(device)
         positions = torch.empty(chunk.count, 2, dtype=dtype, device=device)
         warp_dtype = dtype_of(torch.finfo(dtype).bits)

@@ -35,7 +35,8 @@ def _check_wavelength(value: float) -> float:
     if not MIN_WAVELENGTH_M <= value <= MAX_WAVELENGTH_M:
         hint = f"; did you mean {value * 1e-9:g} ({value:g} nm)?" if 200 <= value <= 2500 else ""
         raise ValueError(
-            f"{value:g} m is no wavelength between {MIN_WAVELENGTH_M:g} and {MAX_WAVELENGTH_M:g} m{hint or '; give metres'}"
+            f"{value:g} m is no wavelength between {MIN_WAVELENGTH_M:g} and {MAX_WAVELENGTH_M:g} m"
+            f"{hint or '; give metres'}"
         )
     return value
 
@@ -102,7 +103,8 @@ class Scene(BaseModel):
     def _consistent(self) -> "Scene":
         if len(self.radiosity_W_m2) != len(self.wavelengths_m):
             raise ValueError(
-                f"{len(self.radiosity_W_m2)} radiosities for {len(self.wavelengths_m)} wavelengths; give one per wavelength"
+                f"{len(self.radiosity_W_m2)} radiosities for {len(self.wavelengths_m)} wavelengths; "
+                "give one per wavelength"
             )
         if sum(self.radiosity_W_m2) == 0:
             raise ValueError("all radiosities are 0, the image would be black; give at least one above 0")
@@ -112,7 +114,8 @@ class Scene(BaseModel):
         if not -MAX_LENGTH_M <= z <= 0:
             where = "inside or above the plate" if z > 0 else "too far away"
             raise ValueError(
-                f"screen at z = {z:g} m is {where}; the plate's bottom is z = 0, use {-MAX_LENGTH_M:g} to 0, for example -1e-6"
+                f"screen at z = {z:g} m is {where}; the plate's bottom is z = 0, "
+                f"use {-MAX_LENGTH_M:g} to 0, for example -1e-6"
             )
         if self.emission_half_angle_rad > 0 and self.light_position_m[2] <= self.base_thickness_m:
             raise ValueError(

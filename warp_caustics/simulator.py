@@ -106,7 +106,7 @@ class CausticSimulator:
             InputError: wrong shape, dtype or device, or heights that are not finite.
         """
         batch = self._checked(heights)
-        image: torch.Tensor = _Simulate.apply(batch, self.engine)
+        image: torch.Tensor = _Simulate.apply(batch, self.engine)  # type: ignore[no-untyped-call]
         return image if heights.ndim == 3 else image[0]
 
     def settings(self) -> dict[str, Any]:

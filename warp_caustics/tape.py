@@ -5,6 +5,8 @@ faster one: it launches adjoints itself and works in bounded memory, while a
 tape keeps every stage of every photon.
 """
 
+from typing import Any
+
 import torch
 import warp as wp
 
@@ -12,7 +14,7 @@ from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES
 from warp_caustics.simulator import CausticSimulator
 
 
-def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: wp.array) -> wp.array:
+def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: Any) -> Any:
     """Record a simulation; call inside ``with tape:``.
 
     Args:
@@ -29,10 +31,10 @@ def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: wp.arr
     device, dtype = engine.warp_device, engine.warp_dtype
     batch, n, _ = heights.shape
 
-    def zeros(*shape: int) -> wp.array:
+    def zeros(*shape: int) -> Any:
         return wp.zeros(shape, dtype=dtype, device=device, requires_grad=True)
 
-    def constant(tensor: torch.Tensor) -> wp.array:
+    def constant(tensor: torch.Tensor) -> Any:
         return wp.from_torch(tensor.contiguous(), requires_grad=False)
 
     prefilter = constant(engine.prefilter)
@@ -56,9 +58,7 @@ def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: wp.arr
     return image
 
 
-def _record_splat(
-    tape: wp.Tape, splat: wp.Kernel, splat_adjoint: wp.Kernel, records: wp.array, image: wp.array
-) -> None:
+def _record_splat(tape: wp.Tape, splat: wp.Kernel, splat_adjoint: wp.Kernel, records: Any, image: Any) -> None:
     """Launch the splat with its hand-written adjoint on the tape."""
     dim = (records.shape[0], records.shape[1], records.shape[3])
 

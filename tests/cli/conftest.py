@@ -14,11 +14,11 @@ def relief():
 
 @pytest.fixture(scope="session")
 def inputs(tmp_path_factory, relief):
-    """Folder with heights.npy and image.tif, its caustic in the small configuration."""
+    """Folder with heights.npy and image.tif, its caustic in the small configuration, sharper than methods simulate it."""
     from cli.main import main
 
     folder = tmp_path_factory.mktemp("inputs")
     np.save(folder / "heights.npy", relief)
     arguments = ["simulate", str(folder / "heights.npy"), "-o", str(folder / "image.tif"), "--config", "small"]
-    assert main([*arguments, "--device", "cpu"]) == 0
+    assert main([*arguments, "--n-photons", "1e5", "--device", "cpu"]) == 0
     return folder

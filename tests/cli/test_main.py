@@ -1,5 +1,6 @@
 """Exit codes and one-line errors, where it matters through the installed script."""
 
+import json
 import os
 import signal
 import subprocess
@@ -15,7 +16,6 @@ from cli import main as main_module
 from warp_caustics.errors import DamagedDataError
 
 SCRIPT = Path(sys.executable).with_name("nsfc")
-FAKE = Path(__file__).with_name("fake_method.py")
 
 
 def nsfc(*arguments, **options):
@@ -92,14 +92,14 @@ def test_output_folder_may_be_anywhere(tmp_path, inputs):
 )
 def test_signals_are_orderly(tmp_path, inputs, number, code, last):
     """Ctrl-C while iterating writes the result; SIGTERM leaves nothing behind."""
-    options = "--set", "reconstruction.options.pause_s=0.01", "--max-iterations", "100000"
     process = subprocess.Popen(
-        [sys.executable, FAKE, "reconstruct", inputs / "image.tif", "-o", tmp_path / "out", "--config", "small", *options],
+        [SCRIPT, "reconstruct", inputs / "image.tif", "-o", tmp_path / "out", "--config", "small", "--device", "cpu",
+         "--set", "reconstruction.options.metric=height", "--max-iterations", "100000"],
         stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
     )  # fmt: skip
     try:
         line = ""
-        while "pretending" not in line:  # iterating now
+        while "level 1" not in line:  # iterating now
             line = process.stderr.readline()
             assert line, "ended before it was interrupted"
         process.send_signal(number)
@@ -110,6 +110,8 @@ def test_signals_are_orderly(tmp_path, inputs, number, code, last):
     assert last in errors.splitlines()[-1]
     expected = ["out"] if number == signal.SIGINT else []
     assert sorted(os.listdir(tmp_path)) == expected
+    if expected:
+        assert json.loads((tmp_path / "out" / "result.json").read_text())["stop_reason"] == "interrupted"
 
 
 @pytest.fixture
@@ -181,8 +183,6 @@ def test_the_sigterm_handler_is_given_back():
 
 
 def test_env_names_versions_and_devices(capsys):
-    import json
-
     assert main_module.main(["env", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["versions"]["python"] == ".".join(map(str, sys.version_info[:3]))

@@ -59,6 +59,23 @@ def test_result_folder_is_complete(fake, inputs, tmp_path, relief, capsys):
     assert "warning: only a fake" in captured.err
 
 
+def test_refine_recovers_a_weak_relief(inputs, tmp_path):
+    """The real method, cut short: three stages of twenty iterations halve the error of a flat guess."""
+    options = "--max-iterations", 20, "--reference", inputs / "heights.npy"
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", *options) == 0
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["method"] == "refine"
+    assert record["errors"]["rmse_mean_removed_um"] < 0.5 * record["errors"]["reference_rms_um"]
+    assert record["residual"] < 0.01
+    assert record["counters"]["energy"]["landed"] == pytest.approx([1, 1, 1])
+
+
+def test_max_time_stops_refine(inputs, tmp_path):
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", "--max-time", 0.1) == 0
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["stop_reason"] == "max_time" and record["iterations"] < 100
+
+
 def test_mesh_is_the_plate_in_millimetres(fake, inputs, tmp_path, relief):
     import trimesh
 
@@ -137,7 +154,7 @@ def bad_image(kind, good, path):
 
 
 @pytest.mark.parametrize(("kind", "code", "reason"), BAD_INPUTS)
-def test_bad_images_end_in_one_line_and_no_output(fake, inputs, tmp_path, capsys, kind, code, reason):
+def test_bad_images_end_in_one_line_and_no_output(inputs, tmp_path, capsys, kind, code, reason):
     bad_image(kind, inputs / "image.tif", tmp_path / "image.tif")
     assert reconstruct(tmp_path / "image.tif", tmp_path / "out") == code
     assert_one_line(capsys, reason)
@@ -156,6 +173,10 @@ def test_bad_images_end_in_one_line_and_no_output(fake, inputs, tmp_path, capsys
         (["--set", "reconstruction.metod=x"], 3, "did you mean 'method'"),
         (["--wavelength-order", "610,530"], 3, "wavelength"),
         (["--wavelength-order", "650,530,430"], 5, "wavelength"),
+        (["--max-iterations", "0"], 3, "max_iterations"),
+        (["--max-time", "0"], 3, "max_time_s"),
+        (["--set", "reconstruction.options.max_iteration=5"], 3, "max_iteration"),
+        (["--method", "magic"], 3, "refine"),
         (["--page", "3"], 3, "page"),
         (["--initial", "{}/rows.npy"], 3, "rows.npy"),
         (["--reference", "{}/small.npy"], 5, "reference"),
@@ -163,7 +184,7 @@ def test_bad_images_end_in_one_line_and_no_output(fake, inputs, tmp_path, capsys
         (["--dark", "{}/none.tif"], 3, "none.tif"),
     ],
 )
-def test_bad_options_end_in_one_line_and_no_output(fake, inputs, tmp_path, capsys, options, code, reason):
+def test_bad_options_end_in_one_line_and_no_output(inputs, tmp_path, capsys, options, code, reason):
     np.save(tmp_path / "rows.npy", np.zeros((4, 5)))
     np.save(tmp_path / "small.npy", np.zeros((16, 16)))
     np.save(tmp_path / "nan.npy", np.full((32, 32), np.nan))

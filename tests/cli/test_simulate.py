@@ -40,9 +40,9 @@ def test_summary_is_readable(inputs, tmp_path, capsys):
 
 
 def test_json_is_all_there_is_on_stdout(inputs, tmp_path, capsys):
-    assert simulate(inputs / "heights.npy", tmp_path / "out.tif", "--json", "--n-photons", "4e4") == 0
+    assert simulate(inputs / "heights.npy", tmp_path / "out.tif", "--json", "--n-photons", "9e4") == 0
     record = json.loads(capsys.readouterr().out)
-    assert record["settings"]["n_photons"] == 40_000
+    assert record["settings"]["n_photons"] == 90_000
     assert record["energy"]["landed"] == pytest.approx([1, 1, 1])
     image = read_image(tmp_path / "out.tif").values
     np.testing.assert_allclose(record["max_irradiance_W_m2"], image.max(axis=(1, 2)), rtol=1e-6)

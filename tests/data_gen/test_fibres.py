@@ -11,20 +11,15 @@ from data_gen.fibres import Line, line_profile, line_relief
 from warp_caustics.errors import InputError
 
 PLATE = (0.05, 0.05)
-TRUE_HEIGHTS = Path(__file__).parents[2] / "examples" / "data" / "true_heights.npy"
-
-DEMO_LINES = [
-    Line((-0.0011155715339067965, 0.00013686909596232616), (0.011739194268441451, -0.0004413360317415335), 0.0003984785486841462, 0.0008896464794335373),
-    Line((0.024478859549427502, -0.016639660042783267), (0.01582888706382552, -0.013532351233102625), 0.0009618315437602974, 0.000178890181640837),
-    Line((-0.019636841983322825, 0.010667043981161584), (0.023865680258222464, -0.011000844447310166), 0.001327892937791191, 0.00029114891284985124),
-    Line((0.021013637341218985, -0.01053357779428949), (0.02133351072288757, 0.001223520338140889), 0.0010423547759374034, 0.001471996270813777),
-    Line((0.019338349636874683, 0.019141048758842302), (-0.019542974601655966, -0.01042440426004001), 0.0023471878192635773, 0.0003436018042171934),
-]  # fmt: skip
+EXAMPLES = Path(__file__).parents[2] / "examples" / "data"
+TRUE_HEIGHTS, PRINTED_LINES = EXAMPLES / "true_heights.npy", EXAMPLES / "printed_lines.csv"
 
 
 def test_demo_relief_is_reproduced():
     """The demo's heights, made by other software from the same lines, sampled at cell centres."""
-    relief = line_relief(DEMO_LINES, 128, PLATE, supersampling=1)
+    numbers = np.loadtxt(PRINTED_LINES, delimiter=",", skiprows=1).tolist()
+    lines = [Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in numbers]
+    relief = line_relief(lines, 128, PLATE, supersampling=1)
     np.testing.assert_allclose(relief, np.load(TRUE_HEIGHTS), rtol=0, atol=1e-15)
 
 

@@ -267,7 +267,10 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
                 fate = wp.static(NOT_FINITE)
             elif (
-                centre[0] < zero or centre[0] > optics.image_pixels or centre[1] < zero or centre[1] > optics.image_pixels
+                centre[0] < zero
+                or centre[0] > optics.image_pixels
+                or centre[1] < zero
+                or centre[1] > optics.image_pixels
             ):
                 fate = wp.static(OFF_SCREEN)
         landings[b, c, 0, p] = centre[0]

@@ -9,12 +9,13 @@ paths cross (folds) that very freedom leads astray, and small local steps, the
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-FloatArray = npt.NDArray[np.float64]
+FloatArray = npt.NDArray[np.floating[Any]]
 
 
 class CurvatureMetric:

@@ -46,10 +46,7 @@ class Measurement:
         else:
             residual = image - self.irradiance
         residual = residual.double()
-        if kind == "charbonnier":
-            loss = (residual**2 + width**2).sqrt() - width
-        else:
-            loss = residual**2 / 2
+        loss = (residual**2 + width**2).sqrt() - width if kind == "charbonnier" else residual**2 / 2
         return (loss * self.weight).sum() / self.weight.sum()
 
     def relative_residual(self, image: torch.Tensor) -> float:

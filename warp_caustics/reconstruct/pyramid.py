@@ -68,7 +68,8 @@ def measurement_at(
     relative = np.where(mask, image.irradiance / scale, 0.0)
 
     def binned(values: FloatArray) -> FloatArray:
-        return values.reshape(channels, pixels, factor, pixels, factor).sum(axis=(2, 4))
+        blocks: FloatArray = values.reshape(channels, pixels, factor, pixels, factor).sum(axis=(2, 4))
+        return blocks
 
     counts = binned(mask.astype(np.float64))
     # A coarse pixel with a saturated part would be too dark: it counts only if all of it does.

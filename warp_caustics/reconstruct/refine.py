@@ -60,10 +60,11 @@ class RefineOptions(BaseModel):
     bare_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
     """At least this fraction of the plate is bare: its height, the median of the lowest such fraction, is
     zero. 0 leaves the mean height alone."""
-    coarsest_pixels: Annotated[int, Field(ge=4)] = 64
-    """Image size of the first pyramid level, at least."""
-    finest_pixels: Annotated[int, Field(ge=4)] | None = None
-    """Image size of the last level; all pixels on a GPU, at most 256 on a CPU."""
+    coarsest_pixels: Annotated[int, Field(ge=2)] | None = None
+    """Image size of the first pyramid level, at least: n/2 in the curvature metric, n in the height metric
+    from flat, 2n from a given relief, which coarser levels would only blur."""
+    finest_pixels: Annotated[int, Field(ge=2)] | None = None
+    """Image size of the last level: all pixels on a GPU, at most 2n on a CPU."""
     border_pixels: Annotated[int, Field(ge=0, le=16)] = 1
     """Ring of pixels ignored at every level. What happens at the very edge of a plate is not in the model, and
     2e-5 of the light missing there would be explained by a bend of the whole plate by 3 um."""
@@ -76,21 +77,22 @@ class RefineOptions(BaseModel):
     discrepancy: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 1.0
     """Leave a level when the RMS residual falls to this multiple of the noise (Morozov); 0 never does."""
 
-    def resolved(self, metric: Metric, is_flat: bool, image_pixels: int, device_type: str) -> "RefineOptions":
+    def resolved(self, metric: Metric, is_flat: bool, scene: Scene, device_type: str) -> "RefineOptions":
         """With every None replaced.
 
         From flat, priors must be strong: without them folded caustics are fitted by deep trenches. Near the
         truth, weaker ones bias less.
         """
+        n = scene.height_samples
+        defaults: dict[str, Any] = {"total_variation": 0.03, "nonnegativity": 0.01, "bare_fraction": 0.0}
+        defaults |= {"coarsest_pixels": 2 * n, "max_iterations": 300, "step_m": 5e-6}
         if metric == "curvature":
-            defaults: dict[str, Any] = {"total_variation": 0.0, "nonnegativity": 0.0, "bare_fraction": 0.2}
-            defaults |= {"max_iterations": 60, "step_m": 1e-5}
-        else:
-            defaults = {"bare_fraction": 0.0, "max_iterations": 300}
-            defaults |= {"total_variation": 0.1, "nonnegativity": 0.1, "step_m": 1e-5} if is_flat else {}
-            defaults = {"total_variation": 0.03, "nonnegativity": 0.01, "step_m": 5e-6} | defaults
-        finest = image_pixels
-        while device_type == "cpu" and finest > 256 and finest % 2 == 0:
+            defaults |= {"total_variation": 0.0, "nonnegativity": 0.0, "bare_fraction": 0.2}
+            defaults |= {"coarsest_pixels": max(2, n // 2), "max_iterations": 60}
+        elif is_flat:
+            defaults |= {"total_variation": 0.1, "nonnegativity": 0.1, "coarsest_pixels": n, "step_m": 1e-5}
+        finest = scene.image_pixels
+        while device_type == "cpu" and finest > 2 * n and finest % 2 == 0:
             finest //= 2
         defaults["finest_pixels"] = finest
         known = {key: value for key, value in self.model_dump().items() if value is not None}
@@ -168,14 +170,15 @@ class Refine(Reconstructor):
         check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
-        n, m = self.scene.height_samples, self.scene.image_pixels
-        heights = np.zeros((n, n)) if initial is None else initial.astype(np.float64)
+        n = self.scene.height_samples
+        heights: FloatArray = np.zeros((n, n)) if initial is None else initial.astype(np.float64)
         is_flat = initial is None or not np.ptp(initial)
-        options = self.options.resolved(self._metric(image, is_flat), is_flat, m, self.device.type)
+        options = self.options.resolved(self._metric(image, is_flat), is_flat, self.scene, self.device.type)
         assert options.finest_pixels is not None
         assert options.max_iterations is not None
-        sizes = level_sizes(m, min(options.coarsest_pixels, options.finest_pixels), options.finest_pixels)
-        sizes = _chosen_levels(sizes, options.metric, is_flat)
+        assert options.coarsest_pixels is not None
+        coarsest = min(options.coarsest_pixels, options.finest_pixels)
+        sizes = level_sizes(self.scene.image_pixels, coarsest, options.finest_pixels)
         run = _Run(options, options.max_iterations * len(sizes), progress)
         reason: StopReason = "max_iterations"
         try:
@@ -230,7 +233,7 @@ class Refine(Reconstructor):
             objective = objective + options.total_variation * total_variation(leaf, self.scene.sample_pitch_m)
         if options.nonnegativity:
             objective = objective + options.nonnegativity * negativity(leaf)
-        objective.backward()  # type: ignore[no-untyped-call]
+        objective.backward()
         assert leaf.grad is not None
         with torch.no_grad():
             residual, noise = measurement.relative_residual(image), measurement.discrepancy(image)
@@ -280,11 +283,6 @@ class Refine(Reconstructor):
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray]]
 
 
-def _chosen_levels(sizes: list[int], metric: Metric, is_flat: bool) -> list[int]:
-    """A given start is already good at coarse levels, which would only blur it away."""
-    return sizes if is_flat or metric == "curvature" else sizes[-2:]
-
-
 def _anchored(heights: FloatArray, options: RefineOptions) -> FloatArray:
     """Heights shifted so that the bare plate is at zero."""
     if not options.bare_fraction:
@@ -292,9 +290,7 @@ def _anchored(heights: FloatArray, options: RefineOptions) -> FloatArray:
     return heights - np.quantile(heights, options.bare_fraction / 2)
 
 
-def _descend_curvature(
-    evaluate: Evaluate, heights: FloatArray, scene: Scene, options: RefineOptions
-) -> StopReason:
+def _descend_curvature(evaluate: Evaluate, heights: FloatArray, scene: Scene, options: RefineOptions) -> StopReason:
     """L-BFGS in the curvature metric, restarted once the mean height has been set right."""
     n = scene.height_samples
     index = float(np.mean(scene.glass_indices))
