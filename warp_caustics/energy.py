@@ -4,6 +4,7 @@ from typing import Any
 
 import torch
 
+from warp_caustics.chunked import warp_stream
 from warp_caustics.kernels.trace import FATE_NAMES
 from warp_caustics.simulator import CausticSimulator
 
@@ -33,7 +34,7 @@ def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[st
     light = torch.zeros(channels, len(FATE_NAMES), dtype=torch.float64, device=engine.device)
     paths = torch.zeros_like(light)
     batch = heights.detach().to(torch.float64)[None].contiguous()
-    with engine.stream():
+    with warp_stream(engine.device):
         coefficients = engine.coefficients(batch)
         for chunk, positions in engine.chunks(1):
             maps = engine.maps(coefficients, chunk, positions)

@@ -5,19 +5,20 @@
 The first stage is linear: matrix products for a photon lattice (its adjoint
 then needs no atomics), a 4 x 4 gather otherwise. Photons are handled in chunks
 of bounded memory; the adjoint repeats the forward stages of a chunk instead of
-storing them.
+storing them. For collimated light all stages of a photon run in one kernel
+(``fused.py``); these here are the general form.
 """
 
-import contextlib
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import torch
 import warp as wp
 
+from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array
+from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
@@ -35,19 +36,8 @@ MAX_SIGMA_FRACTION = 1 / 16
 """Footprints wider than this fraction of the image are shrunk to it, keeping their energy: next to grazing
 exit they grow without bound, and so would the work."""
 
-CHUNK_BYTES = {"cpu": 64 * 2**20, "cuda": 2**30}
-"""Footprint records and maps held at a time."""
-
-CPU_SLOTS = 8
-"""Private sums on the CPU; more would use more cores, each costs an image of memory and one addition."""
-
-MIN_CHUNK_PHOTONS = 2048
-"""Smaller CPU chunks would cost more to start than to compute."""
-
-
-@cache
-def _thread_pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=min(CPU_SLOTS, torch.get_num_threads()), thread_name_prefix="caustics")
+MAX_KEPT_PHOTONS = 2**25
+"""Positions of at most so many photons are kept between calls."""
 
 
 def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
@@ -89,6 +79,7 @@ class Engine:
         self.radiosity = self._tensor(list(scene.radiosity_W_m2))
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
         self.optics = self._optics()
+        self._positions: dict[Chunk, torch.Tensor] = {}
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -136,29 +127,30 @@ class Engine:
         return self.prefilter.T @ grad @ self.prefilter
 
     @cached_property
-    def _lattice_matrices(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
-        """Value, first and second derivative along y [rows, n + 4] and along x [columns, n + 4]."""
+    def _lattice_matrices(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """From coefficients to each of the six maps: along y [6, rows, n + 4], along x [6, columns, n + 4]."""
         n = self.scene.height_samples
-        both = []
-        for positions, length in zip((self.plan.grid_y, self.plan.grid_x), self.scene.plate_size_m[::-1], strict=True):
+        stacks = []
+        for positions, length, orders in (
+            (self.plan.grid_y, self.scene.plate_size_m[1], (0, 0, 1, 0, 1, 2)),
+            (self.plan.grid_x, self.scene.plate_size_m[0], (0, 1, 0, 2, 1, 0)),
+        ):
             u = sample_coordinate(positions, n, length)
-            both.append([self._tensor(basis_matrix(n, u, k) * (n / length) ** k) for k in range(3)])
-        return both[0], both[1]
+            matrices = [self._tensor(basis_matrix(n, u, k) * (n / length) ** k) for k in range(3)]
+            stacks.append(torch.stack([matrices[k] for k in orders]))
+        return stacks[0], stacks[1]
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> torch.Tensor:
         """Surface maps [B, 6, N] (MAP_NAMES) of a chunk of photons."""
         batch = coefficients.shape[0]
-        maps = coefficients.new_empty(batch, len(MAP_NAMES), chunk.count)
         if self.plan.placement != "lattice":
+            maps = coefficients.new_empty(batch, len(MAP_NAMES), chunk.count)
             wp.launch(self.surface.gather_surface, **self._gather_arguments(coefficients, positions, maps))
             return maps
         along_y, along_x = self._lattice_matrices
-        a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows] for matrix in along_y)
-        t0, t1, t2 = (coefficients @ matrix.T for matrix in along_x)
-        planes = maps.view(batch, len(MAP_NAMES), chunk.rows, self.plan.columns)
-        for k, (a, t) in enumerate(((a0, t0), (a0, t1), (a1, t0), (a0, t2), (a1, t1), (a2, t0))):
-            planes[:, k] = a @ t
-        return maps
+        along_y = along_y[:, chunk.first_row : chunk.first_row + chunk.rows]
+        maps = along_y @ coefficients[:, None] @ along_x.transpose(1, 2)
+        return maps.reshape(batch, len(MAP_NAMES), chunk.count)
 
     def maps_adjoint(
         self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor, grad_maps: torch.Tensor
@@ -174,19 +166,16 @@ class Engine:
                 device=arguments["device"],
                 inputs=arguments["inputs"],
                 outputs=outputs,
-                adj_inputs=[_array(grad), None, 0.0, 0.0, 0],
-                adj_outputs=[_array(grad_maps)],
+                adj_inputs=[warp_array(grad), None, 0.0, 0.0, 0],
+                adj_outputs=[warp_array(grad_maps)],
                 adjoint=True,
             )
             return grad
         along_y, along_x = self._lattice_matrices
-        a0, a1, a2 = (matrix[chunk.first_row : chunk.first_row + chunk.rows].T for matrix in along_y)
-        b0, b1, b2 = along_x
-        g = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
-        through_value = a0 @ g[:, 0] + a1 @ g[:, 2] + a2 @ g[:, 5]
-        through_slope = a0 @ g[:, 1] + a1 @ g[:, 4]
-        through_curvature = a0 @ g[:, 3]
-        return through_value @ b0 + through_slope @ b1 + through_curvature @ b2
+        along_y = along_y[:, chunk.first_row : chunk.first_row + chunk.rows]
+        planes = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
+        # The sum over the six planes is part of the second product.
+        return along_y.flatten(0, 1).T @ (planes @ along_x).flatten(1, 2)
 
     def _gather_arguments(
         self, coefficients: torch.Tensor, positions: torch.Tensor, maps: torch.Tensor
@@ -195,7 +184,7 @@ class Engine:
         pitch_x, pitch_y = self.scene.sample_pitch_m
         return {
             "dim": (maps.shape[0], maps.shape[2]),
-            "inputs": [_array(coefficients), _array(positions), 1 / pitch_x, 1 / pitch_y, n, _array(maps)],
+            "inputs": [warp_array(coefficients), warp_array(positions), 1 / pitch_x, 1 / pitch_y, n, warp_array(maps)],
             "device": self.warp_device,
         }
 
@@ -209,7 +198,7 @@ class Engine:
             self.tracer.trace,
             dim=(batch, self.scene.n_wavelengths, count),
             inputs=self._trace_inputs(maps, positions),
-            outputs=[_array(records)],
+            outputs=[warp_array(records)],
             device=self.warp_device,
         )
         return records
@@ -223,9 +212,9 @@ class Engine:
             self.tracer.trace,
             dim=(maps.shape[0], self.scene.n_wavelengths, maps.shape[2]),
             inputs=self._trace_inputs(maps, positions),
-            outputs=[_array(records)],
-            adj_inputs=[_array(grad_maps), None, None, None, None, self.tracer.Optics()],
-            adj_outputs=[_array(grad_records)],
+            outputs=[warp_array(records)],
+            adj_inputs=[warp_array(grad_maps), None, None, None, None, self.tracer.Optics()],
+            adj_outputs=[warp_array(grad_records)],
             adjoint=True,
             device=self.warp_device,
         )
@@ -233,11 +222,11 @@ class Engine:
 
     def _trace_inputs(self, maps: torch.Tensor, positions: torch.Tensor) -> list[Any]:
         return [
-            _array(maps),
-            _array(positions),
-            _array(self.eta),
-            _array(self.ratio),
-            _array(self.radiosity),
+            warp_array(maps),
+            warp_array(positions),
+            warp_array(self.eta),
+            warp_array(self.ratio),
+            warp_array(self.radiosity),
             self.optics,
         ]
 
@@ -246,8 +235,8 @@ class Engine:
         wp.launch(
             self.splatter.splat,
             dim=(records.shape[0], records.shape[1], records.shape[3]),
-            inputs=[_array(records)],
-            outputs=[_array(image)],
+            inputs=[warp_array(records)],
+            outputs=[warp_array(image)],
             device=self.warp_device,
         )
 
@@ -257,8 +246,8 @@ class Engine:
         wp.launch(
             self.splatter.splat_adjoint,
             dim=(records.shape[0], records.shape[1], records.shape[3]),
-            inputs=[_array(records), _array(grad_image)],
-            outputs=[_array(grad_records)],
+            inputs=[warp_array(records), warp_array(grad_image)],
+            outputs=[warp_array(grad_records)],
             device=self.warp_device,
         )
         return grad_records
@@ -276,21 +265,35 @@ class Engine:
             self.tracer.land,
             dim=(batch, channels, count),
             inputs=inputs,
-            outputs=[_array(landings), _array(energies), _array(fates)],
+            outputs=[warp_array(landings), warp_array(energies), warp_array(fates)],
             device=self.warp_device,
         )
         return landings, energies, fates
 
     # -- everything -------------------------------------------------------------------------------------------
 
-    def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
-        """Chunks of photons that fit CHUNK_BYTES for a batch of height fields, with their positions [N, 2]."""
-        for chunk in self.plan.chunks(self._chunk_photons(batch)):
-            yield chunk, self.plan.positions(chunk, self.dtype, self.device)
+    @cached_property
+    def fused(self) -> "FusedPhotons | None":
+        """The fast path for collimated light."""
+        return FusedPhotons(self) if self.scene.is_collimated else None
 
-    def _chunk_photons(self, batch: int) -> int:
-        per_photon = batch * (len(MAP_NAMES) + self.scene.n_wavelengths * len(RECORD_NAMES)) * self.dtype.itemsize
-        return max(1, CHUNK_BYTES[self.device.type] // per_photon)
+    def positions(self, chunk: Chunk) -> torch.Tensor:
+        """Starting points of a chunk [m], shape [N, 2]; kept between calls unless they are very many."""
+        if chunk not in self._positions:
+            positions = self.plan.positions(chunk, self.dtype, self.device)
+            if self.plan.count > MAX_KEPT_PHOTONS:
+                return positions
+            self._positions[chunk] = positions
+        return self._positions[chunk]
+
+    def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
+        """Chunks of photons for a batch of height fields in bounded memory, with their positions [N, 2]."""
+        for chunk in self.plan.chunks(max(1, CHUNK_BYTES[self.device.type] // self._bytes_per_photon(batch))):
+            yield chunk, self.positions(chunk)
+
+    def _bytes_per_photon(self, batch: int) -> int:
+        planes = len(MAP_NAMES) + (0 if self.fused else self.scene.n_wavelengths * len(RECORD_NAMES))
+        return batch * planes * self.dtype.itemsize
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
@@ -298,70 +301,34 @@ class Engine:
         shape = heights.shape[0], self.scene.n_wavelengths, m, m
         coefficients = self.coefficients(heights)
 
-        def add(image: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> None:
-            maps = self.maps(coefficients, chunk, positions)
-            self.splat(self.records(maps, positions), image)
+        def add(image: torch.Tensor, chunk: Chunk) -> None:
+            if self.fused:
+                self.fused.splat(coefficients, chunk, image)
+                return
+            positions = self.positions(chunk)
+            self.splat(self.records(self.maps(coefficients, chunk, positions), positions), image)
 
-        return self._sum_over_chunks(shape, add)
+        return self._sum(shape, add)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
         coefficients = self.coefficients(heights)
 
-        def add(grad: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> None:
-            maps = self.maps(coefficients, chunk, positions)
-            records = self.records(maps, positions)
-            grad_records = self.splat_adjoint(records, grad_image)
-            grad_maps = self.records_adjoint(maps, positions, records, grad_records)
+        def add(grad: torch.Tensor, chunk: Chunk) -> None:
+            positions = self.positions(chunk)
+            if self.fused:
+                grad_maps = self.fused.splat_adjoint(coefficients, chunk, grad_image)
+            else:
+                maps = self.maps(coefficients, chunk, positions)
+                records = self.records(maps, positions)
+                grad_records = self.splat_adjoint(records, grad_image)
+                grad_maps = self.records_adjoint(maps, positions, records, grad_records)
             grad += self.maps_adjoint(coefficients, chunk, positions, grad_maps)
 
-        return self.coefficients_adjoint(self._sum_over_chunks(tuple(coefficients.shape), add))
+        return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add))
 
-    def _sum_over_chunks(
-        self, shape: tuple[int, ...], add: Callable[[torch.Tensor, Chunk, torch.Tensor], None]
-    ) -> torch.Tensor:
-        """Sum of what ``add`` puts into a zero tensor for every chunk of photons.
-
-        A CPU launch of Warp runs on one core, so chunks go to a fixed number of
-        slots with a private sum each, and slots to threads. The slots are added
-        in order: the result does not depend on the number of cores.
-        """
-        batch = shape[0]
-        if self.device.type == "cuda":
-            with self.stream():
-                total = torch.zeros(shape, dtype=self.dtype, device=self.device)
-                for chunk in self.plan.chunks(self._chunk_photons(batch)):
-                    add(total, chunk, self.plan.positions(chunk, self.dtype, self.device))
-                return total
-        share = max(MIN_CHUNK_PHOTONS, -(-self.plan.count // CPU_SLOTS))
-        limit = min(self._chunk_photons(batch), share)
-        chunks = list(self.plan.chunks(limit))
-        slots = [chunks[k::CPU_SLOTS] for k in range(min(CPU_SLOTS, len(chunks)))]
-
-        def fill(slot: list[Chunk]) -> torch.Tensor:
-            # torch's no_grad is per thread.
-            with torch.no_grad():
-                total = torch.zeros(shape, dtype=self.dtype)
-                for chunk in slot:
-                    add(total, chunk, self.plan.positions(chunk, self.dtype, self.device))
-                return total
-
-        parts = list(_thread_pool().map(fill, slots)) if len(slots) > 1 else [fill(slots[0])]
-        total = parts[0]
-        for part in parts[1:]:
-            total += part
-        return total
-
-    def stream(self) -> contextlib.AbstractContextManager[Any]:
-        """Makes Warp launch on torch's current stream, so that both see each other's results in order."""
-        if self.device.type != "cuda":
-            return contextlib.nullcontext()
-        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.device)), sync_enter=False)
-
-
-def _array(tensor: torch.Tensor) -> Any:
-    """Warp's view of a tensor; detached, because Warp would allocate .grad for tensors that require it."""
-    return wp.from_torch(tensor.detach(), requires_grad=False, return_ctype=True)
+    def _sum(self, shape: tuple[int, ...], add: Callable[[torch.Tensor, Chunk], None]) -> torch.Tensor:
+        return sum_over_chunks(self.plan, self._bytes_per_photon(shape[0]), shape, self.dtype, self.device, add)
 
 
 assert MARGIN == 2  # the gather kernel's index arithmetic relies on it

@@ -6,7 +6,7 @@ import torch
 import warp as wp
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.engine import CHUNK_BYTES
+from warp_caustics.chunked import CHUNK_BYTES
 from warp_caustics.oracle import oracle_image
 from warp_caustics.tape import simulate_on_tape
 

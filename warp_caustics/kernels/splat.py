@@ -111,10 +111,14 @@ def _spline_profile(dtype: Any) -> tuple[Any, Any]:
     return cumulative, density
 
 
+PROFILE_FACTORIES = {"gaussian": _gaussian_profile, "spline": _spline_profile}
+"""Distribution function and density of each profile, as Warp functions."""
+
+
 @cache
 def splat_kernels(dtype: Any, profile: str) -> SimpleNamespace:
     """Kernels for float32 or float64 and a profile: ``splat`` and ``splat_adjoint``."""
-    cumulative, density = {"gaussian": _gaussian_profile, "spline": _spline_profile}[profile](dtype)
+    cumulative, density = PROFILE_FACTORIES[profile](dtype)
     zero = wp.constant(dtype(0.0))
     half = wp.constant(dtype(0.5))
     one = wp.constant(dtype(1.0))

@@ -8,9 +8,10 @@ import warp as wp
 
 
 @cache
-def surface_kernels(dtype: Any) -> SimpleNamespace:
-    """Kernels for float32 or float64: ``gather_surface``, ``prefilter_rows``, ``prefilter_columns``."""
+def surface_functions(dtype: Any) -> SimpleNamespace:
+    """Warp function ``surface_at`` for float32 or float64."""
     vec4 = wp.types.vector(length=4, dtype=dtype)
+    vec6 = wp.types.vector(length=6, dtype=dtype)
     one = wp.constant(dtype(1.0))
     two = wp.constant(dtype(2.0))
     three = wp.constant(dtype(3.0))
@@ -50,20 +51,19 @@ def surface_kernels(dtype: Any) -> SimpleNamespace:
         return vec4(one - t, three * t - two, one - three * t, t)
 
     @no_type_check
-    @wp.kernel(module="unique")
-    def gather_surface(
+    @wp.func
+    def surface_at(
         coefficients: wp.array3d[dtype],
-        positions: wp.array2d[dtype],
+        b: wp.int32,
+        x: dtype,
+        y: dtype,
         samples_per_m_x: dtype,
         samples_per_m_y: dtype,
         n: wp.int32,
-        # outputs
-        maps: wp.array3d[dtype],
     ):
-        """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m]."""
-        b, p = wp.tid()
-        u = positions[p, 0] * samples_per_m_x + half * dtype(n) - half
-        v = positions[p, 1] * samples_per_m_y + half * dtype(n) - half
+        """Height, slopes and second derivatives (MAP_NAMES) at (x, y) [m] from coefficients [B, n + 4, n + 4]."""
+        u = x * samples_per_m_x + half * dtype(n) - half
+        v = y * samples_per_m_y + half * dtype(n) - half
         column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
         row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
         tx = u - dtype(column)
@@ -95,12 +95,40 @@ def surface_kernels(dtype: Any) -> SimpleNamespace:
             h_xx += wy[k] * curvature
             h_xy += sy[k] * slope
             h_yy += cy[k] * value
-        maps[b, 0, p] = h
-        maps[b, 1, p] = h_x * samples_per_m_x
-        maps[b, 2, p] = h_y * samples_per_m_y
-        maps[b, 3, p] = h_xx * samples_per_m_x * samples_per_m_x
-        maps[b, 4, p] = h_xy * samples_per_m_x * samples_per_m_y
-        maps[b, 5, p] = h_yy * samples_per_m_y * samples_per_m_y
+        return vec6(
+            h,
+            h_x * samples_per_m_x,
+            h_y * samples_per_m_y,
+            h_xx * samples_per_m_x * samples_per_m_x,
+            h_xy * samples_per_m_x * samples_per_m_y,
+            h_yy * samples_per_m_y * samples_per_m_y,
+        )
+
+    return SimpleNamespace(surface_at=surface_at)
+
+
+@cache
+def surface_kernels(dtype: Any) -> SimpleNamespace:
+    """Kernels for float32 or float64: ``gather_surface``, ``prefilter_rows``, ``prefilter_columns``."""
+    surface_at = surface_functions(dtype).surface_at
+    zero = wp.constant(dtype(0.0))
+
+    @no_type_check
+    @wp.kernel(module="unique")
+    def gather_surface(
+        coefficients: wp.array3d[dtype],
+        positions: wp.array2d[dtype],
+        samples_per_m_x: dtype,
+        samples_per_m_y: dtype,
+        n: wp.int32,
+        # outputs
+        maps: wp.array3d[dtype],
+    ):
+        """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m]."""
+        b, p = wp.tid()
+        found = surface_at(coefficients, b, positions[p, 0], positions[p, 1], samples_per_m_x, samples_per_m_y, n)
+        for plane in range(6):
+            maps[b, plane, p] = found[plane]
 
     @no_type_check
     @wp.kernel(module="unique")

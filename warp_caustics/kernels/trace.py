@@ -27,6 +27,10 @@ outside the source's cone or on a face turned away from it, non-finite."""
 
 FATE_NAMES = ("landed", "off_screen", "reflected", "unlit", "not_finite")
 
+GRAZING = 1.0e-6
+"""Below this squared cosine the exit angle is within 0.06 degrees of grazing: counted as totally reflected,
+because the differentials grow as its power -3/2."""
+
 FAR_PX = 1.0e6
 """Position [px] given to paths without a footprint: finite, and beyond every window."""
 
@@ -71,9 +75,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
     zero = wp.constant(dtype(0.0))
     one = wp.constant(dtype(1.0))
     two = wp.constant(dtype(2.0))
-    # Below this squared cosine the exit angle is within 0.06 degrees of grazing: counted as totally reflected,
-    # because the differentials grow as its power -3/2.
-    grazing = wp.constant(dtype(1.0e-6))
+    grazing = wp.constant(dtype(GRAZING))
     far = wp.constant(dtype(FAR_PX))
 
     @no_type_check

@@ -1,0 +1,83 @@
+"""The fast path for collimated light: a photon from surface to pixels in one kernel."""
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+import warp as wp
+
+from warp_caustics.chunked import warp_array
+from warp_caustics.kernels import MAP_NAMES
+from warp_caustics.kernels.fused import fused_kernels
+from warp_caustics.photons import Chunk
+
+if TYPE_CHECKING:
+    from warp_caustics.engine import Engine
+
+WIDE_SIGMA_PX = 0.8
+"""Footprints wider than this on a flat plate are shared by several GPU threads."""
+
+WIDE_LANES = 8
+"""Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels."""
+
+
+class FusedPhotons:
+    """Launches the fused kernels for an engine; see ``kernels/fused.py``."""
+
+    def __init__(self, engine: "Engine"):
+        self.engine = engine
+        self.is_lattice = engine.plan.placement == "lattice"
+        wide = engine.optics.sigma0 * engine.optics.pixels_per_m_x > WIDE_SIGMA_PX
+        self.lanes = WIDE_LANES if wide and engine.device.type == "cuda" else 1
+        self.kernels = fused_kernels(engine.warp_dtype, engine.profile, self.lanes, self.is_lattice)
+        self._axes: dict[Chunk, torch.Tensor] = {}
+
+    def _inputs(self, coefficients: torch.Tensor, chunk: Chunk) -> list[Any]:
+        engine = self.engine
+        pitch_x, pitch_y = engine.scene.sample_pitch_m
+        positions = self._lattice_axes(chunk) if self.is_lattice else engine.positions(chunk)
+        columns = engine.plan.columns if self.is_lattice else 0
+        return [
+            warp_array(coefficients),
+            warp_array(positions),
+            columns,
+            1 / pitch_x,
+            1 / pitch_y,
+            engine.scene.height_samples,
+            warp_array(engine.eta),
+            warp_array(engine.ratio),
+            warp_array(engine.radiosity),
+            engine.optics,
+        ]
+
+    def _lattice_axes(self, chunk: Chunk) -> torch.Tensor:
+        """x of all columns and y of the chunk's rows [m], shape [2, max(columns, rows)]."""
+        if chunk not in self._axes:
+            engine, plan = self.engine, self.engine.plan
+            axes = torch.zeros(2, max(plan.columns, chunk.rows), dtype=torch.float64)
+            axes[0, : plan.columns] = torch.from_numpy(plan.grid_x)
+            axes[1, : chunk.rows] = torch.from_numpy(plan.grid_y[chunk.first_row : chunk.first_row + chunk.rows])
+            self._axes[chunk] = axes.to(engine.device, engine.dtype)
+        return self._axes[chunk]
+
+    def splat(self, coefficients: torch.Tensor, chunk: Chunk, image: torch.Tensor) -> None:
+        """Add a chunk of photons to image [B, n_w, m, m]; coefficients [B, n + 4, n + 4]."""
+        wp.launch(
+            self.kernels.splat_photons,
+            dim=(coefficients.shape[0], chunk.count, self.lanes),
+            inputs=self._inputs(coefficients, chunk),
+            outputs=[warp_array(image)],
+            device=self.engine.warp_device,
+        )
+
+    def splat_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient with respect to the surface maps [B, 6, N] of a chunk, from that of the image."""
+        shape = (coefficients.shape[0], len(MAP_NAMES), chunk.count)
+        grad_maps = coefficients.new_zeros(shape) if self.lanes > 1 else coefficients.new_empty(shape)
+        wp.launch(
+            self.kernels.splat_photons_adjoint,
+            dim=(coefficients.shape[0], chunk.count, self.lanes),
+            inputs=[*self._inputs(coefficients, chunk), warp_array(grad_image)],
+            outputs=[warp_array(grad_maps)],
+            device=self.engine.warp_device,
+        )
+        return grad_maps
