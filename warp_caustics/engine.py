@@ -36,6 +36,10 @@ MAX_SIGMA_FRACTION = 1 / 16
 """Footprints wider than this fraction of the image are shrunk to it, keeping their energy: next to grazing
 exit they grow without bound, and so would the work."""
 
+WIDE_PIXELS = 100
+"""Footprints that cover more pixels than this, and than four times that of a flat plate, are left to several
+GPU threads each: a launch would otherwise wait for the few threads that have thousands of pixels."""
+
 MAX_KEPT_PHOTONS = 2**25
 """Positions of at most so many photons are kept between calls."""
 
@@ -102,6 +106,8 @@ class Engine:
         optics.squeeze = REACH[self.profile] if self.plan.placement == "lattice" and is_fine else 0.0
         optics.min_var = MIN_SIGMA_PX**2
         optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
+        flat_pixels = math.prod(2 * REACH[self.profile] * optics.sigma0 / size + 1 for size in (pixel_x, pixel_y))
+        optics.wide_pixels = max(WIDE_PIXELS, 4 * flat_pixels)
         optics.area = scene.plate_area_m2 / self.plan.count / (pixel_x * pixel_y)
         optics.is_point = int(not scene.is_collimated)
         optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
@@ -283,8 +289,17 @@ class Engine:
             positions = self.plan.positions(chunk, self.dtype, self.device)
             if self.plan.count > MAX_KEPT_PHOTONS:
                 return positions
+            if self.device.type == "cuda" and not self.plan.is_grid:
+                positions = self._sorted_by_cell(positions)
             self._positions[chunk] = positions
         return self._positions[chunk]
+
+    def _sorted_by_cell(self, positions: torch.Tensor) -> torch.Tensor:
+        """The same photons, neighbours together: their footprints then share cache lines."""
+        n = self.scene.height_samples
+        pitch = torch.tensor(self.scene.sample_pitch_m, dtype=positions.dtype, device=positions.device)
+        cell = (positions / pitch).floor().long() + n
+        return positions[(cell[:, 1] * 2 * n + cell[:, 0]).argsort()].contiguous()
 
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
         """Chunks of photons for a batch of height fields in bounded memory, with their positions [N, 2]."""
@@ -292,7 +307,7 @@ class Engine:
             yield chunk, self.positions(chunk)
 
     def _bytes_per_photon(self, batch: int) -> int:
-        planes = len(MAP_NAMES) + (0 if self.fused else self.scene.n_wavelengths * len(RECORD_NAMES))
+        planes = len(MAP_NAMES) + self.scene.n_wavelengths * (1 if self.fused else len(RECORD_NAMES))
         return batch * planes * self.dtype.itemsize
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:

@@ -20,15 +20,21 @@ WIDE_LANES = 8
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels."""
 
 
+DEFERRED_LANES, DEFERRED_GROUPS = 32, 4096
+"""Threads per footprint on the list of deferred ones, and how many of these are worked on at a time."""
+
+
 class FusedPhotons:
     """Launches the fused kernels for an engine; see ``kernels/fused.py``."""
 
     def __init__(self, engine: "Engine"):
         self.engine = engine
         self.is_lattice = engine.plan.placement == "lattice"
+        self.defers = engine.device.type == "cuda"
         wide = engine.optics.sigma0 * engine.optics.pixels_per_m_x > WIDE_SIGMA_PX
-        self.lanes = WIDE_LANES if wide and engine.device.type == "cuda" else 1
-        self.kernels = fused_kernels(engine.warp_dtype, engine.profile, self.lanes, self.is_lattice)
+        self.lanes = WIDE_LANES if wide and self.defers else 1
+        self.kernels = fused_kernels(engine.warp_dtype, engine.profile, self.lanes, self.is_lattice, self.defers)
+        self.deferred = fused_kernels(engine.warp_dtype, engine.profile, DEFERRED_LANES, self.is_lattice, False)
         self._axes: dict[Chunk, torch.Tensor] = {}
 
     def _inputs(self, coefficients: torch.Tensor, chunk: Chunk) -> list[Any]:
@@ -39,6 +45,7 @@ class FusedPhotons:
         return [
             warp_array(coefficients),
             warp_array(positions),
+            chunk.count,
             columns,
             1 / pitch_x,
             1 / pitch_y,
@@ -61,23 +68,49 @@ class FusedPhotons:
 
     def splat(self, coefficients: torch.Tensor, chunk: Chunk, image: torch.Tensor) -> None:
         """Add a chunk of photons to image [B, n_w, m, m]; coefficients [B, n + 4, n + 4]."""
+        inputs, lists = self._inputs(coefficients, chunk), self._lists(coefficients.shape[0] * chunk.count)
         wp.launch(
             self.kernels.splat_photons,
             dim=(coefficients.shape[0], chunk.count, self.lanes),
-            inputs=self._inputs(coefficients, chunk),
-            outputs=[warp_array(image)],
+            inputs=inputs,
+            outputs=[warp_array(image), *lists],
             device=self.engine.warp_device,
         )
+        if self.defers:
+            wp.launch(
+                self.deferred.splat_deferred,
+                dim=(DEFERRED_GROUPS, DEFERRED_LANES),
+                inputs=[*inputs, DEFERRED_GROUPS, *lists],
+                outputs=[warp_array(image)],
+                device=self.engine.warp_device,
+            )
 
     def splat_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient with respect to the surface maps [B, 6, N] of a chunk, from that of the image."""
         shape = (coefficients.shape[0], len(MAP_NAMES), chunk.count)
         grad_maps = coefficients.new_zeros(shape) if self.lanes > 1 else coefficients.new_empty(shape)
+        inputs = [*self._inputs(coefficients, chunk), warp_array(grad_image)]
+        lists = self._lists(coefficients.shape[0] * chunk.count)
         wp.launch(
             self.kernels.splat_photons_adjoint,
             dim=(coefficients.shape[0], chunk.count, self.lanes),
-            inputs=[*self._inputs(coefficients, chunk), warp_array(grad_image)],
-            outputs=[warp_array(grad_maps)],
+            inputs=inputs,
+            outputs=[warp_array(grad_maps), *lists],
             device=self.engine.warp_device,
         )
+        if self.defers:
+            wp.launch(
+                self.deferred.splat_deferred_adjoint,
+                dim=(DEFERRED_GROUPS, DEFERRED_LANES),
+                inputs=[*inputs, DEFERRED_GROUPS, *lists],
+                outputs=[warp_array(grad_maps)],
+                device=self.engine.warp_device,
+            )
         return grad_maps
+
+    def _lists(self, photons: int) -> list[Any]:
+        """Room for every footprint on the list of deferred ones, and their number."""
+        size = photons * self.engine.scene.n_wavelengths if self.defers else 1
+        deferred = torch.empty(size, dtype=torch.int32, device=self.engine.device)
+        count = torch.zeros(1, dtype=torch.int32, device=self.engine.device)
+        return [wp.from_torch(deferred), wp.from_torch(count)]

@@ -53,6 +53,7 @@ def optics_struct(dtype: Any) -> Any:
         squeeze: dtype  # standard deviations between a photon and the nearest edge, at least
         min_var: dtype  # variance added to every footprint [px^2]
         max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
+        wide_pixels: dtype  # footprints that cover more may be left to several threads
         area: dtype  # plate area one path stands for, over the pixel's area
         is_point: wp.int32
         light_x: dtype

@@ -1,0 +1,153 @@
+"""How fast the simulator is, always with the error it has at that speed: prints a table, writes JSON.
+
+Scene: f_lines of tests/data, 128 x 128 heights, 512 x 512 pixels, 3 wavelengths, float32. M is the relative
+RMSE of the image against another renderer, both blurred by a Gaussian of 1 px, 12 border pixels left out. Times are
+wall times of whole calls per image, Python and launches included: median of the repeats, and the spread between
+the 10 % and 90 % quantiles.
+
+    python benchmarks/speed.py [--device cuda] [--quick] [--json FILE]
+"""
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks.accuracy import CONTACT, DATA, blurred_error, heights_of
+from warp_caustics import CausticSimulator
+from warp_caustics.photons import Chunk
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row: a preset with a number of photons and a batch of height fields."""
+
+    preset: str
+    n_photons: int
+    batch: int = 1
+
+
+LATTICE = tuple(Case("lattice", side**2) for side in (448, 512, 672, 864, 1024, 2048))
+PAPER = (Case("paper", 1_000_000), Case("paper", 16_000_000))
+BATCHES = tuple(Case("lattice", side**2, batch) for side in (448, 672) for batch in (16, 64))
+
+
+def seconds(call: Callable[[], object], device: str, repeats: int) -> list[float]:
+    """Wall times of a call [s], after three that do not count."""
+    times = []
+    for k in range(repeats + 3):
+        if device.startswith("cuda"):
+            torch.cuda.synchronize()
+        started = time.perf_counter()
+        call()
+        if device.startswith("cuda"):
+            torch.cuda.synchronize()
+        if k >= 3:
+            times.append(time.perf_counter() - started)
+    return times
+
+
+def spread(times: list[float], batch: int) -> dict[str, float]:
+    """Median and quantiles per image [ms]."""
+    per_image = [1e3 * t / batch for t in times]
+    low, high = np.quantile(per_image, [0.1, 0.9])
+    return {"median_ms": statistics.median(per_image), "low_ms": float(low), "high_ms": float(high)}
+
+
+def measure(case: Case, device: str, repeats: int) -> dict[str, Any]:
+    """Forward, forward with adjoint, error and memory of a case."""
+    simulator = CausticSimulator(CONTACT, case.preset, n_photons=case.n_photons, device=device)  # type: ignore[arg-type]
+    heights = torch.from_numpy(heights_of("f_lines")).float().to(device).repeat(case.batch, 1, 1)
+    image = simulator(heights)
+    error = blurred_error(image[0].cpu().numpy(), np.load(DATA / "f_lines_image.npz")["image"])
+    weights = torch.randn_like(image)
+    del image
+
+    def both() -> None:
+        leaf = heights.clone().requires_grad_()
+        simulator(leaf).backward(weights)
+
+    if device.startswith("cuda"):
+        torch.cuda.reset_peak_memory_stats()
+    record: dict[str, Any] = {
+        "preset": case.preset,
+        "n_photons": simulator.n_photons,
+        "batch": case.batch,
+        "M": error,
+        "forward": spread(seconds(lambda: simulator(heights), device, repeats), case.batch),
+        "both": spread(seconds(both, device, repeats), case.batch),
+    }
+    if device.startswith("cuda"):
+        record["peak_GB"] = torch.cuda.max_memory_allocated() / 2**30
+    record["photons_per_s"] = 1e3 * simulator.n_photons * CONTACT.n_wavelengths / record["forward"]["median_ms"]
+    return record
+
+
+def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
+    """Median time of each stage on one thread or stream [ms]."""
+    simulator = CausticSimulator(CONTACT, case.preset, n_photons=case.n_photons, device=device)  # type: ignore[arg-type]
+    engine = simulator.engine
+    fused = engine.fused
+    assert fused is not None
+    heights = torch.from_numpy(heights_of("f_lines")[None]).float().to(device)
+    coefficients = engine.coefficients(heights)
+    chunk = Chunk(0, simulator.n_photons, 0, engine.plan.rows)
+    image = torch.zeros(1, 3, 512, 512, device=device)
+    weights = torch.randn_like(image)
+    grad_maps = fused.splat_adjoint(coefficients, chunk, weights)
+    positions = engine.positions(chunk)
+    calls: dict[str, Callable[[], object]] = {
+        "spline coefficients": lambda: engine.coefficients(heights),
+        "photons to pixels": lambda: fused.splat(coefficients, chunk, image),
+        "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, chunk, weights),
+        "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, positions, grad_maps),
+    }
+    return {name: 1e3 * statistics.median(seconds(call, device, repeats)) for name, call in calls.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--quick", action="store_true", help="fewer cases and repeats")
+    parser.add_argument("--json", type=Path, help="where to write all figures")
+    arguments = parser.parse_args()
+    device, on_gpu = arguments.device, arguments.device.startswith("cuda")
+    cases = [*LATTICE, *PAPER[: 2 if on_gpu else 1], *(BATCHES if on_gpu else ())]
+    if arguments.quick:
+        cases = list(LATTICE[:2])
+    repeats = 30 if on_gpu else 7
+    name = torch.cuda.get_device_name() if on_gpu else f"CPU, {torch.get_num_threads()} threads"
+    print(name)
+    titles = ("preset", "photons", "batch", "M %", "forward ms", "forward + adjoint ms", "GB")
+    print("{:<8} {:>9} {:>5} {:>7} {:>22} {:>24} {:>6}".format(*titles))
+    records = []
+    for case in cases:
+        record = measure(case, device, repeats if case.batch == 1 else 5)
+        records.append(record)
+        forward, both = (
+            f"{record[key]['median_ms']:8.3f} ({record[key]['low_ms']:.3f}-{record[key]['high_ms']:.3f})"
+            for key in ("forward", "both")
+        )
+        print(
+            f"{case.preset:<8} {record['n_photons']:>9} {case.batch:>5} {100 * record['M']:>7.3f} "
+            f"{forward:>22} {both:>24} {record.get('peak_GB', 0):>6.2f}",
+            flush=True,
+        )
+    stage_times = {}
+    for case in (LATTICE[1], LATTICE[4], *PAPER[: int(on_gpu)]):
+        stage_times[f"{case.preset} {case.n_photons}"] = stages(case, device, repeats)
+    for title, times in stage_times.items():
+        print(title + ": " + ", ".join(f"{stage} {ms:.3f} ms" for stage, ms in times.items()), flush=True)
+    if arguments.json:
+        arguments.json.write_text(json.dumps({"device": name, "cases": records, "stages_ms": stage_times}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
