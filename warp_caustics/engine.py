@@ -18,6 +18,7 @@ import torch
 import warp as wp
 
 from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array
+from warp_caustics.cuda_graph import CudaGraph
 from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
@@ -39,6 +40,9 @@ exit they grow without bound, and so would the work."""
 WIDE_PIXELS = 100
 """Footprints that cover more pixels than this, and than four times that of a flat plate, are left to several
 GPU threads each: a launch would otherwise wait for the few threads that have thousands of pixels."""
+
+MAX_GRAPH_PHOTONS = 2**22
+"""Simulations of at most so many photons, over the batch, are replayed as CUDA graphs."""
 
 MAX_KEPT_PHOTONS = 2**25
 """Positions of at most so many photons are kept between calls."""
@@ -84,6 +88,8 @@ class Engine:
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
         self.optics = self._optics()
         self._positions: dict[Chunk, torch.Tensor] = {}
+        self._calls: dict[tuple[str, int], int] = {}
+        self._graphs: dict[tuple[str, int], CudaGraph] = {}
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -289,13 +295,13 @@ class Engine:
             positions = self.plan.positions(chunk, self.dtype, self.device)
             if self.plan.count > MAX_KEPT_PHOTONS:
                 return positions
-            if self.device.type == "cuda" and not self.plan.is_grid:
+            if self.fused and self.fused.is_wide and not self.plan.is_grid:
                 positions = self._sorted_by_cell(positions)
             self._positions[chunk] = positions
         return self._positions[chunk]
 
     def _sorted_by_cell(self, positions: torch.Tensor) -> torch.Tensor:
-        """The same photons, neighbours together: their footprints then share cache lines."""
+        """The same photons, neighbours together: wide footprints then share cache lines (small ones would collide)."""
         n = self.scene.height_samples
         pitch = torch.tensor(self.scene.sample_pitch_m, dtype=positions.dtype, device=positions.device)
         cell = (positions / pitch).floor().long() + n
@@ -312,6 +318,32 @@ class Engine:
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
+        return self._replayed("image", self._image, heights) if self._is_small(heights) else self._image(heights)
+
+    def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
+        if self._is_small(heights):
+            return self._replayed("adjoint", self._image_adjoint, heights, grad_image)
+        return self._image_adjoint(heights, grad_image)
+
+    def _is_small(self, heights: torch.Tensor) -> bool:
+        """Whether starting the launches one by one would take longer than running them."""
+        return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
+
+    def _replayed(self, name: str, call: Callable[..., torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
+        """Result of a call through its CUDA graph, recorded when it comes with this batch size for the second time.
+
+        Not at the first: recording costs a tenth of a second, and many simulators are called once.
+        """
+        key = name, inputs[0].shape[0]
+        self._calls[key] = self._calls.get(key, 0) + 1
+        if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
+            return call(*inputs)
+        if key not in self._graphs:
+            self._graphs[key] = CudaGraph(call, inputs)
+        return self._graphs[key](*inputs)
+
+    def _image(self, heights: torch.Tensor) -> torch.Tensor:
         m = self.scene.image_pixels
         shape = heights.shape[0], self.scene.n_wavelengths, m, m
         coefficients = self.coefficients(heights)
@@ -325,8 +357,7 @@ class Engine:
 
         return self._sum(shape, add)
 
-    def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
+    def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         coefficients = self.coefficients(heights)
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:

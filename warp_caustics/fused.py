@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 WIDE_SIGMA_PX = 0.8
 """Footprints wider than this on a flat plate are shared by several GPU threads."""
 
-WIDE_LANES = 8
-"""Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels."""
+WIDE_LANES, WIDE_ADJOINT_LANES = 8, 4
+"""Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
+only reads, and does better with fewer."""
 
 
 DEFERRED_LANES, DEFERRED_GROUPS = 32, 4096
@@ -32,8 +33,11 @@ class FusedPhotons:
         self.is_lattice = engine.plan.placement == "lattice"
         self.defers = engine.device.type == "cuda"
         wide = engine.optics.sigma0 * engine.optics.pixels_per_m_x > WIDE_SIGMA_PX
-        self.lanes = WIDE_LANES if wide and self.defers else 1
-        self.kernels = fused_kernels(engine.warp_dtype, engine.profile, self.lanes, self.is_lattice, self.defers)
+        self.is_wide = wide and self.defers
+        self.lanes, self.adjoint_lanes = (WIDE_LANES, WIDE_ADJOINT_LANES) if self.is_wide else (1, 1)
+        variant = engine.warp_dtype, engine.profile
+        self.kernels = fused_kernels(*variant, self.lanes, self.is_lattice, self.defers)
+        self.adjoint_kernels = fused_kernels(*variant, self.adjoint_lanes, self.is_lattice, self.defers)
         self.deferred = fused_kernels(engine.warp_dtype, engine.profile, DEFERRED_LANES, self.is_lattice, False)
         self._axes: dict[Chunk, torch.Tensor] = {}
 
@@ -88,12 +92,12 @@ class FusedPhotons:
     def splat_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient with respect to the surface maps [B, 6, N] of a chunk, from that of the image."""
         shape = (coefficients.shape[0], len(MAP_NAMES), chunk.count)
-        grad_maps = coefficients.new_zeros(shape) if self.lanes > 1 else coefficients.new_empty(shape)
+        grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
         inputs = [*self._inputs(coefficients, chunk), warp_array(grad_image)]
         lists = self._lists(coefficients.shape[0] * chunk.count)
         wp.launch(
-            self.kernels.splat_photons_adjoint,
-            dim=(coefficients.shape[0], chunk.count, self.lanes),
+            self.adjoint_kernels.splat_photons_adjoint,
+            dim=(coefficients.shape[0], chunk.count, self.adjoint_lanes),
             inputs=inputs,
             outputs=[warp_array(grad_maps), *lists],
             device=self.engine.warp_device,

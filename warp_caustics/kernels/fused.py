@@ -434,31 +434,24 @@ def fused_kernels(dtype: Any, profile: str, lanes: int, is_lattice: bool, defers
                         row_width = zero
                         first_column = first_pixel(centre, sigma_x)
                         last_column = last_pixel(centre, sigma_x, grad_image.shape[3])
-                        if wp.static(one_lane):
-                            t_left = (dtype(first_column) - centre) * inv_x
-                            left = cumulative(t_left)
-                            left_density = density(t_left)
-                            for j in range(first_column, last_column + 1):
-                                t_right = (dtype(j + 1) - centre) * inv_x
-                                right = cumulative(t_right)
-                                right_density = density(t_right)
-                                g = grad_image[b, c, i, j]
-                                row_sum += g * (right - left)
-                                row_slope += g * (right_density - left_density)
-                                row_width += g * (t_right * right_density - t_left * left_density)
-                                t_left = t_right
-                                left = right
-                                left_density = right_density
-                        else:
-                            for j in range(first_column + lane, last_column + 1, wp.static(lanes)):
-                                t_left = (dtype(j) - centre) * inv_x
-                                t_right = t_left + inv_x
-                                left_density = density(t_left)
-                                right_density = density(t_right)
-                                g = grad_image[b, c, i, j]
-                                row_sum += g * (cumulative(t_right) - cumulative(t_left))
-                                row_slope += g * (right_density - left_density)
-                                row_width += g * (t_right * right_density - t_left * left_density)
+                        # Each lane takes a run of neighbouring columns, so that edges are evaluated once.
+                        run = (last_column - first_column + wp.static(lanes)) // wp.static(lanes)
+                        first_column += lane * run
+                        last_column = wp.min(last_column, first_column + run - 1)
+                        t_left = (dtype(first_column) - centre) * inv_x
+                        left = cumulative(t_left)
+                        left_density = density(t_left)
+                        for j in range(first_column, last_column + 1):
+                            t_right = (dtype(j + 1) - centre) * inv_x
+                            right = cumulative(t_right)
+                            right_density = density(t_right)
+                            g = grad_image[b, c, i, j]
+                            row_sum += g * (right - left)
+                            row_slope += g * (right_density - left_density)
+                            row_width += g * (t_right * right_density - t_left * left_density)
+                            t_left = t_right
+                            left = right
+                            left_density = right_density
                         share = above - below
                         g_centre = -share * row_slope * inv_x
                         g_sigma_x -= share * row_width * inv_x

@@ -1,0 +1,29 @@
+"""Replaying a fixed sequence of GPU launches at the cost of one."""
+
+from collections.abc import Callable
+
+import torch
+
+
+class CudaGraph:
+    """A function of tensors, recorded once and replayed on copies of its inputs.
+
+    Args:
+        call: only launches GPU work, the same for inputs of the same shape; it has run before, so that
+            its kernels are loaded.
+        inputs: examples of its arguments.
+    """
+
+    def __init__(self, call: Callable[..., torch.Tensor], inputs: tuple[torch.Tensor, ...]):
+        self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
+        self.graph = torch.cuda.CUDAGraph()
+        torch.cuda.synchronize()
+        with torch.no_grad(), torch.cuda.graph(self.graph, capture_error_mode="thread_local"):
+            self.output = call(*self.inputs)
+
+    def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
+        """Result for these inputs, in memory of its own."""
+        for kept, given in zip(self.inputs, inputs, strict=True):
+            kept.copy_(given)
+        self.graph.replay()
+        return self.output.clone()
