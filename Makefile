@@ -7,10 +7,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest clean
+.PHONY: help venv demo test lint types pytest accuracy bench bench-gpu clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-8s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-9s %s\n", $$1, $$2}'
 
 venv: $(STAMP) ## install everything into .venv (PYTHON and CONSTRAINTS may be given)
 
@@ -37,6 +37,15 @@ types: $(STAMP) ## check types
 
 pytest: $(STAMP) ## tests only
 	$(BIN)/python -m pytest
+
+accuracy: $(STAMP) ## how exact simulator and gradient are, and what refine recovers
+	$(BIN)/python -m benchmarks.accuracy
+
+bench: $(STAMP) ## how fast the simulator is on this CPU, with its error
+	$(BIN)/python -m benchmarks.speed --json benchmarks/cpu.json
+
+bench-gpu: $(STAMP) ## the same on a GPU
+	$(BIN)/python -m benchmarks.speed --device cuda --json benchmarks/gpu.json
 
 clean: ## remove the environment and everything generated
 	rm -rf $(VENV) demo_output build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis

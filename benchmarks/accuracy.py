@@ -2,7 +2,7 @@
 
 Reference data: tests/data (another renderer). About three minutes on two CPU cores.
 
-    python benchmarks/accuracy.py [--device cuda] [--without-refine]
+    python -m benchmarks.accuracy [--device cuda] [--without-refine]
 """
 
 import argparse

@@ -1,5 +1,6 @@
 """Replaying a fixed sequence of GPU launches at the cost of one."""
 
+import gc
 from collections.abc import Callable
 
 import torch
@@ -18,8 +19,14 @@ class CudaGraph:
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
         self.graph = torch.cuda.CUDAGraph()
         torch.cuda.synchronize()
-        with torch.no_grad(), torch.cuda.graph(self.graph, capture_error_mode="thread_local"):
-            self.output = call(*self.inputs)
+        # The garbage collector may free an older graph, which must not happen while one is recorded.
+        gc.collect()
+        gc.disable()
+        try:
+            with torch.no_grad(), torch.cuda.graph(self.graph, capture_error_mode="thread_local"):
+                self.output = call(*self.inputs)
+        finally:
+            gc.enable()
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 WIDE_SIGMA_PX = 0.8
 """Footprints wider than this on a flat plate are shared by several GPU threads."""
 
-WIDE_LANES, WIDE_ADJOINT_LANES = 8, 4
+WIDE_LANES, WIDE_ADJOINT_LANES = 8, 2
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
 only reads, and does better with fewer."""
 

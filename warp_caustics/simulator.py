@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch.autograd.function import once_differentiable
 
+from warp_caustics.chunked import CHUNK_BYTES
 from warp_caustics.engine import Engine
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.photons import PhotonPlan
@@ -104,10 +105,25 @@ class CausticSimulator:
 
         Raises:
             InputError: wrong shape, dtype or device, or heights that are not finite.
+            ResourceError: the GPU's memory is too small; says which batch would fit.
         """
         batch = self._checked(heights)
-        image: torch.Tensor = _Simulate.apply(batch, self.engine)  # type: ignore[no-untyped-call]
+        try:
+            image: torch.Tensor = _Simulate.apply(batch, self.engine)  # type: ignore[no-untyped-call]
+        except torch.OutOfMemoryError as error:
+            raise ResourceError(self._memory_advice(len(batch))) from error
         return image if heights.ndim == 3 else image[0]
+
+    def _memory_advice(self, batch: int) -> str:
+        """What a batch needs and what would fit: photons come in chunks, so images decide."""
+        per_image = self.scene.n_wavelengths * self.scene.image_pixels**2 * self.dtype.itemsize
+        free, total = torch.cuda.mem_get_info(self.device)
+        # The image, its gradient and a copy; a chunk of photons besides.
+        fits = max(1, int((free - CHUNK_BYTES["cuda"]) / (3 * per_image)))
+        return (
+            f"a batch of {batch} height fields needs about {3 * batch * per_image / 2**30:.1f} GiB for images, "
+            f"{self.device} has {free / 2**30:.1f} of {total / 2**30:.1f} GiB free; use batches of at most {fits}"
+        )
 
     def settings(self) -> dict[str, Any]:
         """What defines the result, for records and reports."""

@@ -81,3 +81,46 @@ def test_refine_runs_and_reduces_the_residual():
     image = CausticSimulator(scene, n_photons=397**2, device="cuda")(truth).cpu().numpy()
     result = create("refine", scene, device="cuda", max_iterations=30).reconstruct(CausticImage(image))
     assert result.residual < 0.3 * result.history[0]["residual"] + 0.01
+
+
+def test_replayed_graphs_give_what_launches_give(monkeypatch):
+    """First call launches, later ones replay; new heights, new gradients, and other simulators in between."""
+    import warp_caustics.engine as engine
+
+    def results(scale):
+        simulator = CausticSimulator(FAR, n_photons=900, device="cuda", dtype=torch.float64)
+        return [gradient(simulator, bumpy() * k * scale) for k in (1.0, 0.5, 0.8)]
+
+    replayed = results(1.0), results(0.7)
+    monkeypatch.setattr(engine, "MAX_GRAPH_PHOTONS", 0)
+    for found, expected in zip(replayed, (results(1.0), results(0.7)), strict=True):
+        for (image, grad), (image_launched, grad_launched) in zip(found, expected, strict=True):
+            torch.testing.assert_close(image, image_launched, rtol=0, atol=1e-12 * float(image_launched.max()))
+            torch.testing.assert_close(grad, grad_launched, rtol=0, atol=1e-12 * float(grad_launched.abs().max()))
+
+
+def test_deferred_wide_footprints_are_not_lost(monkeypatch):
+    """A far screen behind a steep relief has footprints of all sizes; deferring changes nothing but the order."""
+    import warp_caustics.engine as engine
+
+    scene = Scene(height_samples=16, image_pixels=256, screen_position_m=(0, 0, -0.05))
+    heights = torch.nn.functional.interpolate(bumpy()[None, None] * 5, (16, 16), mode="bicubic")[0, 0].cuda()
+    images = []
+    for wide in (8, 10**9):
+        monkeypatch.setattr(engine, "WIDE_PIXELS", wide)
+        simulator = CausticSimulator(scene, n_photons=300**2, device="cuda", dtype=torch.float64)
+        leaf = heights.clone().requires_grad_()
+        image = simulator(leaf)
+        image.square().sum().backward()
+        images.append((image.detach(), leaf.grad))
+    for few, many in zip(*images, strict=True):
+        torch.testing.assert_close(few, many, rtol=0, atol=1e-10 * float(many.abs().max()))
+
+
+def test_too_large_a_batch_says_what_fits():
+    """The message names the need, the free memory and a batch that would do."""
+    from warp_caustics.errors import ResourceError
+
+    simulator = CausticSimulator(Scene(height_samples=8, image_pixels=8192), n_photons=64, device="cuda")
+    with pytest.raises(ResourceError, match="use batches of at most"):
+        simulator(torch.zeros(300, 8, 8, device="cuda"))
