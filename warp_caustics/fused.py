@@ -7,7 +7,8 @@ import warp as wp
 
 from warp_caustics.chunked import warp_array
 from warp_caustics.kernels import MAP_NAMES
-from warp_caustics.kernels.fused import fused_kernels
+from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
+from warp_caustics.kernels.fused_splat import fused_splat_kernels
 from warp_caustics.photons import Chunk
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ DEFERRED_LANES, DEFERRED_GROUPS = 32, 4096
 
 
 class FusedPhotons:
-    """Launches the fused kernels for an engine; see ``kernels/fused.py``."""
+    """Launches the fused kernels for an engine; see ``kernels/fused_splat.py`` and ``fused_adjoint.py``."""
 
     def __init__(self, engine: "Engine"):
         self.engine = engine
@@ -36,9 +37,11 @@ class FusedPhotons:
         self.is_wide = wide and self.defers
         self.lanes, self.adjoint_lanes = (WIDE_LANES, WIDE_ADJOINT_LANES) if self.is_wide else (1, 1)
         variant = engine.warp_dtype, engine.profile
-        self.kernels = fused_kernels(*variant, self.lanes, self.is_lattice, self.defers)
-        self.adjoint_kernels = fused_kernels(*variant, self.adjoint_lanes, self.is_lattice, self.defers)
-        self.deferred = fused_kernels(engine.warp_dtype, engine.profile, DEFERRED_LANES, self.is_lattice, False)
+        here, there = (self.is_lattice, self.defers), (self.is_lattice, False)
+        self.kernels = fused_splat_kernels(*variant, self.lanes, *here)
+        self.adjoint_kernels = fused_adjoint_kernels(*variant, self.adjoint_lanes, *here)
+        self.deferred = fused_splat_kernels(*variant, DEFERRED_LANES, *there)
+        self.deferred_adjoint = fused_adjoint_kernels(*variant, DEFERRED_LANES, *there)
         self._axes: dict[Chunk, torch.Tensor] = {}
 
     def _inputs(self, coefficients: torch.Tensor, chunk: Chunk) -> list[Any]:
@@ -104,7 +107,7 @@ class FusedPhotons:
         )
         if self.defers:
             wp.launch(
-                self.deferred.splat_deferred_adjoint,
+                self.deferred_adjoint.splat_deferred_adjoint,
                 dim=(DEFERRED_GROUPS, DEFERRED_LANES),
                 inputs=[*inputs, DEFERRED_GROUPS, *lists],
                 outputs=[warp_array(grad_maps)],
