@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 
 def main(sources: list[Path], target: Path) -> None:
@@ -24,7 +25,11 @@ def main(sources: list[Path], target: Path) -> None:
             axes.plot(times[default], errors[default], "o", ms=13, mfc="none", mec="black")
     axes.set_xlabel("time per image [ms]")
     axes.set_ylabel("M: relative RMSE after a blur of 1 px [%]")
-    axes.set_title("five printed lines, 3 x 512 x 512 pixels; ringed: 4 photons per pixel, the default")
+    axes.set_title("Five printed lines, 3 x 512 x 512 pixels. Ringed: the default, 4 photons per pixel", fontsize=10)
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_yticks([0.1, 0.2, 0.5, 1, 2])
+    axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.grid(True, which="both", alpha=0.3)
     axes.legend()
     figure.savefig(target, dpi=110)
