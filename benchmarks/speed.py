@@ -129,12 +129,11 @@ def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
     image = torch.zeros(1, 3, 512, 512, device=device)
     weights = torch.randn_like(image)
     grad_maps = fused.splat_adjoint(coefficients, chunk, weights)
-    positions = engine.positions(chunk)
     calls: dict[str, Callable[[], object]] = {
         "spline coefficients": lambda: engine.coefficients(heights),
         "photons to pixels": lambda: fused.splat(coefficients, chunk, image),
         "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, chunk, weights),
-        "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, positions, grad_maps),
+        "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, grad_maps),
     }
     return {name: 1e3 * statistics.median(seconds(call, device, repeats)) for name, call in calls.items()}
 

@@ -164,13 +164,11 @@ class Engine:
         maps = along_y @ coefficients[:, None] @ along_x.transpose(1, 2)
         return maps.reshape(batch, len(MAP_NAMES), chunk.count)
 
-    def maps_adjoint(
-        self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor, grad_maps: torch.Tensor
-    ) -> torch.Tensor:
+    def maps_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_maps: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
         if self.plan.placement != "lattice":
             grad = torch.zeros_like(coefficients)
-            arguments = self._gather_arguments(coefficients, positions, torch.empty_like(grad_maps))
+            arguments = self._gather_arguments(coefficients, self.positions(chunk), torch.empty_like(grad_maps))
             outputs = [arguments["inputs"].pop()]
             wp.launch(
                 self.surface.gather_surface,
@@ -361,15 +359,15 @@ class Engine:
         coefficients = self.coefficients(heights)
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
-            positions = self.positions(chunk)
             if self.fused:
                 grad_maps = self.fused.splat_adjoint(coefficients, chunk, grad_image)
             else:
+                positions = self.positions(chunk)
                 maps = self.maps(coefficients, chunk, positions)
                 records = self.records(maps, positions)
                 grad_records = self.splat_adjoint(records, grad_image)
                 grad_maps = self.records_adjoint(maps, positions, records, grad_records)
-            grad += self.maps_adjoint(coefficients, chunk, positions, grad_maps)
+            grad += self.maps_adjoint(coefficients, chunk, grad_maps)
 
         return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add))
 

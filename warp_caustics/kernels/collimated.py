@@ -85,16 +85,6 @@ def collimated_functions(dtype: Any, profile: str, is_lattice: bool) -> SimpleNa
 
     @no_type_check
     @wp.func
-    def first_pixel(centre: dtype, sigma: dtype):
-        return wp.max(wp.int32(wp.floor(centre - reach * sigma)), 0)
-
-    @no_type_check
-    @wp.func
-    def last_pixel(centre: dtype, sigma: dtype, count: wp.int32):
-        return wp.min(wp.int32(wp.floor(centre + reach * sigma)), count - 1)
-
-    @no_type_check
-    @wp.func
     def footprint_sigma(x: dtype, half_length: dtype, optics: Optics):
         """Standard deviation on the plate along one axis [m], squeezed near the edge of the plate."""
         sigma = optics.sigma0
@@ -146,8 +136,6 @@ def collimated_functions(dtype: Any, profile: str, is_lattice: bool) -> SimpleNa
         inside_slope=inside_slope,
         inside_curvature=inside_curvature,
         exit_slope=exit_slope,
-        first_pixel=first_pixel,
-        last_pixel=last_pixel,
         footprint_sigma=footprint_sigma,
         place=place,
         defer=defer,

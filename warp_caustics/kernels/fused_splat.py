@@ -11,7 +11,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
-from warp_caustics.kernels.splat import BOX_VARIANCE, PROFILE_FACTORIES
+from warp_caustics.kernels.splat import BOX_VARIANCE, PROFILE_FACTORIES, window_functions
 from warp_caustics.kernels.surface import surface_functions
 from warp_caustics.kernels.trace import GRAZING, optics_struct
 
@@ -31,7 +31,7 @@ def fused_splat_kernels(dtype: Any, profile: str, lanes: int, is_lattice: bool, 
     surface_at = surface_functions(dtype).surface_at
     functions = collimated_functions(dtype, profile, is_lattice)
     inside_slope, exit_slope = functions.inside_slope, functions.exit_slope
-    first_pixel, last_pixel = functions.first_pixel, functions.last_pixel
+    first_pixel, last_pixel = window_functions(dtype, profile)
     footprint_sigma, place, defer = functions.footprint_sigma, functions.place, functions.defer
     Optics = optics_struct(dtype)
     half = wp.constant(dtype(0.5))

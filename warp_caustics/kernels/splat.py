@@ -116,15 +116,9 @@ PROFILE_FACTORIES = {"gaussian": _gaussian_profile, "spline": _spline_profile}
 
 
 @cache
-def splat_kernels(dtype: Any, profile: str) -> SimpleNamespace:
-    """Kernels for float32 or float64 and a profile: ``splat`` and ``splat_adjoint``."""
-    cumulative, density = PROFILE_FACTORIES[profile](dtype)
-    zero = wp.constant(dtype(0.0))
-    half = wp.constant(dtype(0.5))
-    one = wp.constant(dtype(1.0))
-    two = wp.constant(dtype(2.0))
+def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
+    """First and last pixel that a footprint touches along an axis, within the image."""
     reach = wp.constant(dtype(REACH[profile]))
-    box = wp.constant(dtype(BOX_VARIANCE))
 
     @no_type_check
     @wp.func
@@ -135,6 +129,20 @@ def splat_kernels(dtype: Any, profile: str) -> SimpleNamespace:
     @wp.func
     def last_pixel(centre: dtype, sigma: dtype, count: wp.int32):
         return wp.min(wp.int32(wp.floor(centre + reach * sigma)), count - 1)
+
+    return first_pixel, last_pixel
+
+
+@cache
+def splat_kernels(dtype: Any, profile: str) -> SimpleNamespace:
+    """Kernels for float32 or float64 and a profile: ``splat`` and ``splat_adjoint``."""
+    cumulative, density = PROFILE_FACTORIES[profile](dtype)
+    first_pixel, last_pixel = window_functions(dtype, profile)
+    zero = wp.constant(dtype(0.0))
+    half = wp.constant(dtype(0.5))
+    one = wp.constant(dtype(1.0))
+    two = wp.constant(dtype(2.0))
+    box = wp.constant(dtype(BOX_VARIANCE))
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
