@@ -11,13 +11,14 @@ storing them. For collimated light all stages of a photon run in one kernel
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import torch
 import warp as wp
 
-from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array
+from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array, warp_stream
 from warp_caustics.cuda_graph import CudaGraph
 from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
@@ -287,16 +288,26 @@ class Engine:
         """The fast path for collimated light."""
         return FusedPhotons(self) if self.scene.is_collimated else None
 
+    def reseed(self, seed: int, role: str) -> None:
+        """Take another photon set of the same size; recorded graphs keep reading the same memory."""
+        self.plan = replace(self.plan, seed=seed, role=role)
+        self.__dict__.pop("in_double_precision", None)
+        with warp_stream(self.device):
+            for chunk, kept in self._positions.items():
+                kept.copy_(self._new_positions(chunk))
+
     def positions(self, chunk: Chunk) -> torch.Tensor:
         """Starting points of a chunk [m], shape [N, 2]; kept between calls unless they are very many."""
+        if self.plan.count > MAX_KEPT_PHOTONS:
+            return self._new_positions(chunk)
         if chunk not in self._positions:
-            positions = self.plan.positions(chunk, self.dtype, self.device)
-            if self.plan.count > MAX_KEPT_PHOTONS:
-                return positions
-            if self.fused and self.fused.is_wide and not self.plan.is_grid:
-                positions = self._sorted_by_cell(positions)
-            self._positions[chunk] = positions
+            self._positions[chunk] = self._new_positions(chunk)
         return self._positions[chunk]
+
+    def _new_positions(self, chunk: Chunk) -> torch.Tensor:
+        positions = self.plan.positions(chunk, self.dtype, self.device)
+        is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused and self.fused.is_wide and not self.plan.is_grid
+        return self._sorted_by_cell(positions) if is_sorted else positions
 
     def _sorted_by_cell(self, positions: torch.Tensor) -> torch.Tensor:
         """The same photons, neighbours together: wide footprints then share cache lines (small ones would collide)."""

@@ -135,3 +135,18 @@ def test_every_error_has_an_exit_code():
 
     codes = [c.exit_code for c in vars(errors).values() if isinstance(c, type) and issubclass(c, CausticsError)]
     assert sorted(codes) == [1, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("placement", ["random", "stratified", "sobol"])
+def test_reseeding_equals_a_new_simulator(placement):
+    """The photon set changes, the rest stays."""
+    heights = torch.rand(2, 8, 8) * 1e-3
+    simulator = CausticSimulator(SCENE, "paper", n_photons=5000, placement=placement, seed=3)
+    before = simulator(heights)
+    simulator.reseed(4, "role")
+    new = CausticSimulator(SCENE, "paper", n_photons=5000, placement=placement, seed=4, role="role")
+    assert torch.equal(simulator(heights), new(heights))
+    assert not torch.equal(simulator(heights), before)
+    assert simulator.settings()["seed"] == 4
+    with pytest.raises(InputError, match="-1"):
+        simulator.reseed(-1)

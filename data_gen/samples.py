@@ -1,0 +1,228 @@
+"""Samples of the supplement's two data sets, simulated.
+
+A sample depends on the configuration (but for the number of samples) and on its
+number: strokes, perturbation and each photon set have a key of their own, so that
+a noisy image never shares photons with a clean one.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+
+from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator, sample_seed
+from data_gen.patterns import draw_strokes, padded, perturb_strokes
+from data_gen.reliefs import print_strokes
+from data_gen.sampler import Field, SampleBatch, Sampler
+from warp_caustics.errors import InputError
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+Denoiser = Callable[[torch.Tensor], torch.Tensor]
+"""Noisy images [B, n_w, m, m] to denoised ones."""
+
+MAX_BATCH_PIXELS = {"cpu": 2**23, "cuda": 2**26}
+"""Image pixels simulated at a time where photons are shared by a batch."""
+
+
+class Reliefs:
+    """The reliefs of a data set by sample number, printed on a device.
+
+    Args:
+        config: gives pattern, scene, seed and role.
+        device: where heights are wanted.
+        fingerprint: selects the reliefs; the configuration's own if None.
+    """
+
+    def __init__(self, config: DatasetConfig, device: str | torch.device, fingerprint: str | None = None):
+        self.config, self.device = config, torch.device(device)
+        self.fingerprint = fingerprint or config.sample_fingerprint()
+
+    def true(self, ids: Sequence[int]) -> torch.Tensor:
+        """Printed heights [m], shape [len(ids), n, n], float32."""
+        return self._printed([self._strokes(sample) for sample in ids])
+
+    def perturbed(self, ids: Sequence[int]) -> tuple[torch.Tensor, dict[str, np.ndarray[Any, Any]]]:
+        """Heights of the perturbed strokes [m], shape [len(ids), n, n], and how many strokes were clamped."""
+        pattern = self.config.reliefs
+        drawn = [
+            perturb_strokes(self._strokes(sample), pattern, sample_generator(self.fingerprint, "perturbation", sample))
+            for sample in ids
+        ]
+        names = drawn[0][1] if drawn else {}
+        counters = {name: np.array([count[name] for _, count in drawn], dtype=np.float64) for name in names}
+        return self._printed([strokes for strokes, _ in drawn]), counters
+
+    def _strokes(self, sample: int) -> np.ndarray[Any, Any]:
+        return draw_strokes(self.config.reliefs, sample_generator(self.fingerprint, "relief", sample))
+
+    def _printed(self, strokes: list[np.ndarray[Any, Any]]) -> torch.Tensor:
+        batch = torch.from_numpy(padded(strokes)).to(self.device)
+        return print_strokes(batch, self.config.scene, self.config.reliefs)
+
+
+class Images:
+    """Simulated images of one kind (``"noisy"`` or ``"clean"``), each from its own photons unless they are a lattice.
+
+    Args:
+        scene: the set-up.
+        photons: how to simulate.
+        fingerprint: of the data set, for the photons' keys.
+        purpose: distinguishes photon sets of one sample.
+        device: where to simulate.
+    """
+
+    def __init__(self, scene: Scene, photons: PhotonConfig, fingerprint: str, purpose: str, device: str | torch.device):
+        self.fingerprint, self.purpose = fingerprint, purpose
+        self.simulator = CausticSimulator(scene, device=device, **photons.model_dump())
+        self.is_shared = self.simulator.plan.placement == "lattice"
+        limit = MAX_BATCH_PIXELS[self.simulator.device.type] // (scene.n_wavelengths * scene.image_pixels**2)
+        self.batch = max(1, limit) if self.is_shared else 1
+
+    def __call__(self, heights: torch.Tensor, ids: Sequence[int]) -> torch.Tensor:
+        """Irradiance [W/m^2], shape [B, n_w, m, m], of heights [B, n, n] [m]."""
+        with torch.no_grad():
+            return torch.cat([self._simulated(part, heights[part], ids) for part in self._parts(len(ids))])
+
+    def with_gradient(
+        self, heights: torch.Tensor, target: torch.Tensor, ids: Sequence[int], denoiser: Denoiser | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Images, and the gradient of the data term with respect to the heights.
+
+        The data term of one relief is E = 1/2 sum_w mean_pixels (D(S(h)) - I)^2; a denoiser D counts as the
+        identity in its derivative, because noise does not depend on the heights.
+
+        Args:
+            heights: [m], shape [B, n, n].
+            target: I [W/m^2], shape [B, n_w, m, m].
+            ids: sample numbers.
+            denoiser: D; none if None.
+
+        Returns:
+            D(S(h)) [W/m^2], shape of target, and dE/dh [W^2/m^5], shape of heights.
+        """
+        images, gradients = [], []
+        pixels = target.shape[-1] * target.shape[-2]
+        for part in self._parts(len(ids)):
+            leaf = heights[part].detach().clone().requires_grad_()
+            simulated = self._simulated(part, leaf, ids)
+            with torch.no_grad():
+                shown = denoiser(simulated.detach()) if denoiser else simulated.detach()
+                residual = (shown - target[part]) / pixels
+            (gradient,) = torch.autograd.grad(simulated, leaf, residual)
+            images.append(shown)
+            gradients.append(gradient)
+        return torch.cat(images), torch.cat(gradients)
+
+    def _parts(self, count: int) -> list[slice]:
+        return [slice(first, min(first + self.batch, count)) for first in range(0, count, self.batch)]
+
+    def _simulated(self, part: slice, heights: torch.Tensor, ids: Sequence[int]) -> torch.Tensor:
+        if not self.is_shared:
+            self.simulator.reseed(sample_seed(self.fingerprint, f"photons/{self.purpose}", ids[part.start]))
+        return self.simulator(heights)
+
+
+def _image_field(scene: Scene, name: str, description: str) -> Field:
+    shape = (scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
+    return Field(name, shape, "float16", "W/m^2", description)
+
+
+def _height_field(scene: Scene, name: str, unit: str, description: str) -> Field:
+    return Field(name, (scene.height_samples, scene.height_samples), "float32", unit, description)
+
+
+class DenoiserSampler:
+    """Pairs of a noisy and a clean image of the same relief (section 2.1)."""
+
+    def __init__(self, config: DatasetConfig, device: str | torch.device):
+        self.config = config
+        self.reliefs = Reliefs(config, device)
+        images = partial(Images, config.scene, fingerprint=self.reliefs.fingerprint, device=device)
+        self.noisy = images(config.noisy, purpose="noisy")
+        self.clean = images(config.clean, purpose="clean")
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        scene = self.config.scene
+        return (
+            _image_field(scene, "noisy", "irradiance from few photons, the denoiser's input"),
+            _image_field(scene, "clean", "irradiance from many photons, the denoiser's target"),
+        )
+
+    def draw(self, ids: Sequence[int]) -> SampleBatch:
+        heights = self.reliefs.true(ids)
+        arrays = {"noisy": self.noisy(heights, ids), "clean": self.clean(heights, ids)}
+        return SampleBatch(
+            tuple(ids), _stored(arrays, self.fields), _light_counters(arrays["clean"], self.config.scene)
+        )
+
+
+class UpdaterSampler:
+    """True and perturbed relief, target and simulated image, gradient of the data term (section 2.2).
+
+    Args:
+        config: the data set.
+        device: where to simulate.
+        denoiser: applied to simulated images; its content hash must be ``config.denoiser``.
+
+    Raises:
+        InputError: a denoiser without its hash, or the other way round.
+    """
+
+    def __init__(self, config: DatasetConfig, device: str | torch.device, denoiser: Denoiser | None = None):
+        if (denoiser is None) != (config.denoiser is None):
+            raise InputError("denoiser and its content hash in the configuration go together; give both or neither")
+        self.config, self.denoiser = config, denoiser
+        self.reliefs = Reliefs(config, device)
+        images = partial(Images, config.scene, fingerprint=self.reliefs.fingerprint, device=device)
+        self.simulated = images(config.noisy, purpose="noisy")
+        self.target = images(config.clean, purpose="clean")
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        scene = self.config.scene
+        what = "denoised irradiance" if self.config.denoiser else "irradiance"
+        return (
+            _height_field(scene, "heights", "m", "printed relief above the base"),
+            _height_field(scene, "start", "m", "relief of the perturbed strokes, where the updater starts"),
+            _image_field(scene, "target", "irradiance of the printed relief"),
+            _image_field(scene, "simulated", f"{what} of the perturbed relief"),
+            _height_field(scene, "gradient", "W^2/m^5", "of 1/2 sum_w mean_pixels (simulated - target)^2 at start"),
+        )
+
+    def draw_tensors(self, ids: Sequence[int]) -> tuple[dict[str, torch.Tensor], dict[str, np.ndarray[Any, Any]]]:
+        """Samples as float32 tensors on the device, and their counters: what training on fresh samples takes."""
+        heights = self.reliefs.true(ids)
+        start, counters = self.reliefs.perturbed(ids)
+        target = self.target(heights, ids)
+        simulated, gradient = self.simulated.with_gradient(start, target, ids, self.denoiser)
+        tensors = {"heights": heights, "start": start, "target": target, "simulated": simulated, "gradient": gradient}
+        return tensors, counters
+
+    def draw(self, ids: Sequence[int]) -> SampleBatch:
+        tensors, counters = self.draw_tensors(ids)
+        light = _light_counters(tensors["target"], self.config.scene)
+        return SampleBatch(tuple(ids), _stored(tensors, self.fields), {**counters, **light})
+
+
+def make_sampler(config: DatasetConfig, device: str, denoiser: Denoiser | None = None) -> Sampler:
+    """The sampler of a data set; with the denoiser filled in, a factory for the builder."""
+    if config.kind == "denoiser":
+        return DenoiserSampler(config, device)
+    return UpdaterSampler(config, device, denoiser)
+
+
+def _stored(arrays: dict[str, torch.Tensor], fields: Sequence[Field]) -> dict[str, np.ndarray[Any, Any]]:
+    """Arrays in the fields' types; a value beyond float16 becomes infinite, and storage refuses that."""
+    types = {"float16": torch.float16, "float32": torch.float32}
+    return {field.name: arrays[field.name].to(types[field.dtype]).cpu().numpy() for field in fields}
+
+
+def _light_counters(images: torch.Tensor, scene: Scene) -> dict[str, np.ndarray[Any, Any]]:
+    """Share of the light that misses the image, mean over wavelengths."""
+    flat = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64, device=images.device)
+    landed = images.double().mean(dim=(2, 3)).sum(dim=1) / flat.sum()
+    return {"lost_light": (1 - landed).cpu().numpy()}

@@ -1,0 +1,73 @@
+"""The ten test fields: fixed, drawn from Tab. 3, and never part of any training data.
+
+Their images come from a photon set that training and reconstruction never use
+(sixteen million stratified photons, one per cell of a grid, jittered), with 1 % of noise.
+"""
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator, sample_seed
+from data_gen.samples import Reliefs
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+TEST_FIELDS = 10
+NOISE_STD = 0.01
+"""Standard deviation of the noise, relative to the light through a flat plate."""
+
+TEST_PHOTONS = PhotonConfig(n_photons=16_000_000, placement="stratified")
+
+
+def testset_config(scene: Scene | None = None) -> DatasetConfig:
+    """Configuration of the test fields; its role keeps them apart from every data set, whatever the seeds.
+
+    Args:
+        scene: the set-up; Tab. 1 if None. Another scene of the same plate shows the same plates.
+    """
+    return DatasetConfig(kind="updater", n_samples=TEST_FIELDS, seed=20231, role="test", scene=scene or Scene())
+
+
+testset_config.__test__ = False  # type: ignore[attr-defined]
+
+
+def test_heights(scene: Scene | None = None, device: str = "cpu") -> npt.NDArray[np.float32]:
+    """True heights of the test fields [m], shape [10, n, n]."""
+    reliefs = Reliefs(testset_config(scene), device, testset_config().sample_fingerprint())
+    return reliefs.true(range(TEST_FIELDS)).cpu().numpy()
+
+
+test_heights.__test__ = False  # type: ignore[attr-defined]
+
+
+def test_images(
+    scene: Scene | None = None,
+    device: str = "cpu",
+    *,
+    noise_std: float = NOISE_STD,
+    photons: PhotonConfig = TEST_PHOTONS,
+) -> npt.NDArray[np.float32]:
+    """Images of the test fields [W/m^2], shape [10, n_w, m, m].
+
+    Args:
+        scene: the set-up; Tab. 1 if None.
+        device: where to simulate.
+        noise_std: white noise, relative to the light through a flat plate; the same for every call.
+        photons: how to simulate.
+    """
+    config = testset_config(scene)
+    fingerprint = testset_config().sample_fingerprint()
+    simulator = CausticSimulator(config.scene, device=device, **photons.model_dump())
+    heights = torch.from_numpy(test_heights(scene, device)).to(simulator.device)
+    flat = np.array(config.scene.radiosity_W_m2)[:, None, None]
+    images = []
+    for field, relief in enumerate(heights):
+        simulator.reseed(sample_seed(fingerprint, "photons/test", field))
+        image = simulator(relief).cpu().numpy()
+        noise = sample_generator(fingerprint, "noise", field).standard_normal(image.shape)
+        images.append((image + noise_std * flat * noise).astype(np.float32))
+    return np.stack(images)
+
+
+test_images.__test__ = False  # type: ignore[attr-defined]
