@@ -18,7 +18,8 @@ import pydantic
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from data_gen.config import ReliefConfig
+from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
+from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import regular_file
@@ -61,19 +62,57 @@ class ReconstructionConfig(_Strict):
     options: dict[str, Any] = {}
 
 
+class PhotonWish(_Strict):
+    """What is known of how to simulate; None takes what suits the kind of data set."""
+
+    preset: Annotated[str, AfterValidator(_check_preset)] | None = None
+    n_photons: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """n_l: light paths per wavelength."""
+    smoothing: Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)] | None = None
+    """s: scales the photon footprint."""
+    placement: Placement | None = None
+
+
+class DataConfig(_Strict):
+    """How ``nsfc data build`` simulates."""
+
+    samples_per_shard: Annotated[int, Field(ge=1, le=4096)] = 32
+    """Samples in one file, the unit of work."""
+    noisy: PhotonWish = PhotonWish()
+    """The denoiser's input, and the updater's simulated image."""
+    clean: PhotonWish = PhotonWish()
+    """The denoiser's target, and the updater's target image."""
+
+
 class Config(_Strict):
     """Everything that can be set: Tab. 1 (scene, simulation), Tab. 2 (denoiser, updater) and Tab. 3 (reliefs)."""
 
     scene: Scene = Scene()
     simulation: SimulationConfig = SimulationConfig()
     reconstruction: ReconstructionConfig = ReconstructionConfig()
-    reliefs: ReliefConfig = ReliefConfig()
+    reliefs: PatternConfig = ReliefConfig()
+    data: DataConfig = DataConfig()
     denoiser: NetworkConfig = BEST_DENOISER
     updater: NetworkConfig = BEST_UPDATER
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
         return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def dataset_config(config: Config, **values: Any) -> DatasetConfig:
+    """The data set that a configuration describes.
+
+    Args:
+        config: gives scene, reliefs and data.
+        values: kind, n_samples, seed and what else belongs to one data set.
+    """
+    tree = {"scene": config.scene, "reliefs": config.reliefs, "samples_per_shard": config.data.samples_per_shard}
+    plain = DatasetConfig.model_validate({**tree, **values})
+    for name in ("noisy", "clean"):
+        wish = {key: value for key, value in getattr(config.data, name).model_dump().items() if value is not None}
+        tree[name] = PhotonConfig(**{**getattr(plain, name).model_dump(), **wish})
+    return DatasetConfig.model_validate({**tree, **values})
 
 
 def load_config(
@@ -106,8 +145,8 @@ def load_config(
         raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error
 
 
-def dump_config(config: Config) -> str:
-    """The whole configuration as YAML, in a fixed order; :func:`load_config` reads it back unchanged."""
+def dump_config(config: BaseModel) -> str:
+    """A whole configuration as YAML, in a fixed order; :func:`load_config` reads it back unchanged."""
     tree = config.model_dump(mode="json")
     text: str = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
     return text
@@ -225,6 +264,8 @@ def _nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
 
 def _merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
     """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
+    if at == "reliefs." and over.get("pattern", base["pattern"]) != base["pattern"]:
+        base = _pattern_defaults(over["pattern"], source)
     result = dict(base)
     # Options belong to a method, which alone knows their names.
     is_open = at.startswith("reconstruction.options.")
@@ -241,6 +282,13 @@ def _merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "
         elif value is not None:  # an empty section changes nothing
             raise InputError(f"{source}{at}{key} is a section; give keys below it, got {value!r}")
     return result
+
+
+def _pattern_defaults(name: Any, source: str) -> dict[str, Any]:
+    """Another print pattern has other keys."""
+    if name not in PATTERN_CONFIGS:
+        raise InputError(f"{source}reliefs.pattern {name!r} is not known; use one of {', '.join(PATTERN_CONFIGS)}")
+    return PATTERN_CONFIGS[name]().model_dump(mode="json")
 
 
 def _guess(word: str, known: Mapping[str, Any]) -> str:

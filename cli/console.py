@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 if TYPE_CHECKING:
+    from data_gen.store.progress import Progress as BuildProgress
     from warp_caustics.reconstruct.base import Progress, ProgressCallback
 
 LOG_INTERVAL_S = 10.0
@@ -51,6 +53,17 @@ class Console:
         else:
             yield _log_lines()
 
+    @contextmanager
+    def sample_progress(self) -> Iterator[tuple["Callable[[BuildProgress], None]", Callable[[str], None]]]:
+        """Shows how a data set grows, and what was mended: a bar on a terminal, now and then a line elsewhere."""
+        if self.as_json:
+            yield (lambda state: None), self.warn
+        elif sys.stderr.isatty():
+            with _sample_bar() as show:
+                yield show, self.warn
+        else:
+            yield _sample_lines(), self.warn
+
 
 @contextmanager
 def _bar() -> Iterator[Callable[["Progress"], None]]:
@@ -91,6 +104,49 @@ def _log_lines() -> Callable[["Progress"], None]:
         )
 
     return show
+
+
+@contextmanager
+def _sample_bar() -> Iterator[Callable[["BuildProgress"], None]]:
+    from rich.console import Console as RichConsole
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as RichProgress
+
+    columns = (
+        TextColumn("samples"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.1f}/s"),
+        TextColumn("{task.fields[left]}"),
+    )
+    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+        task = bar.add_task("samples", total=None, rate=0.0, left="")
+
+        def show(state: "BuildProgress") -> None:
+            bar.update(task, completed=state.done, total=state.total, rate=state.rate, left=_time_left(state))
+
+        yield show
+
+
+def _sample_lines() -> Callable[["BuildProgress"], None]:
+    last = -math.inf
+
+    def show(state: "BuildProgress") -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last < LOG_INTERVAL_S and state.done < state.total:
+            return
+        last = now
+        click.echo(f"{state.done} of {state.total} samples, {state.rate:.1f}/s{_time_left(state, ', ')}", err=True)
+
+    return show
+
+
+def _time_left(state: "BuildProgress", before: str = "") -> str:
+    if state.eta_s is None or state.done == state.total:
+        return ""
+    minutes, seconds = divmod(round(state.eta_s), 60)
+    return f"{before}{minutes // 60}:{minutes % 60:02d}:{seconds:02d} left"
 
 
 def json_text(record: Mapping[str, Any]) -> str:

@@ -26,6 +26,9 @@ EXIT_BUG, EXIT_USAGE, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 130, 143
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
     "simulate": "cli.simulate:simulate",
+    "train": "cli.train:train",
+    "weights": "cli.weights:weights",
+    "data": "cli.data:data",
     "config": "cli.config_cmd:config",
     "env": "cli.env:env",
 }

@@ -40,6 +40,10 @@ PAPER_CLEAN = PhotonConfig(preset="paper", n_photons=16_000_000)
 """Both values of n_l in Tab. 1."""
 
 
+def _default_photons(values: dict[str, Any], paper: PhotonConfig) -> PhotonConfig:
+    return paper if values.get("kind") == "denoiser" else PhotonConfig()
+
+
 class DatasetConfig(_Strict):
     """Everything that decides the content of a data set; unknown fields are refused."""
 
@@ -52,24 +56,13 @@ class DatasetConfig(_Strict):
     """Samples in one file, the unit of work."""
     scene: Scene = Scene()
     reliefs: PatternConfig = ReliefConfig()
-    noisy: PhotonConfig
+    noisy: PhotonConfig = Field(default_factory=lambda data: _default_photons(data, PAPER_NOISY))
     """The denoiser's input, and the updater's simulated image and gradient. By default the denoiser's are as in
     the paper, 1e6 random photons, and the updater's from a lattice: no noise, and thirty times faster."""
-    clean: PhotonConfig
+    clean: PhotonConfig = Field(default_factory=lambda data: _default_photons(data, PAPER_CLEAN))
     """The denoiser's target, and the updater's target image. By default 1.6e7 random photons, and a lattice."""
     denoiser: str | None = None
     """Content hash of the network that denoises the updater's simulated images; None leaves them raw."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _photons_of_kind(cls, values: Any) -> Any:
-        if not isinstance(values, dict):
-            return values
-        is_denoiser = values.get("kind") == "denoiser"
-        for name, paper in (("noisy", PAPER_NOISY), ("clean", PAPER_CLEAN)):
-            if values.get(name) is None:
-                values = {**values, name: paper if is_denoiser else PhotonConfig()}
-        return values
 
     @model_validator(mode="after")
     def _denoiser_of_updater(self) -> "DatasetConfig":

@@ -47,14 +47,16 @@ def test_images(
     *,
     noise_std: float = NOISE_STD,
     photons: PhotonConfig = TEST_PHOTONS,
+    fields: int = TEST_FIELDS,
 ) -> npt.NDArray[np.float32]:
-    """Images of the test fields [W/m^2], shape [10, n_w, m, m].
+    """Images of the test fields [W/m^2], shape [fields, n_w, m, m].
 
     Args:
         scene: the set-up; Tab. 1 if None.
         device: where to simulate.
         noise_std: white noise, relative to the light through a flat plate; the same for every call.
         photons: how to simulate.
+        fields: how many of the ten.
     """
     config = testset_config(scene)
     fingerprint = testset_config().sample_fingerprint()
@@ -62,11 +64,12 @@ def test_images(
     heights = torch.from_numpy(test_heights(scene, device)).to(simulator.device)
     flat = np.array(config.scene.radiosity_W_m2)[:, None, None]
     images = []
-    for field, relief in enumerate(heights):
+    for field, relief in enumerate(heights[:fields]):
         simulator.reseed(sample_seed(fingerprint, "photons/test", field))
         image = simulator(relief).cpu().numpy()
         noise = sample_generator(fingerprint, "noise", field).standard_normal(image.shape)
-        images.append((image + noise_std * flat * noise).astype(np.float32))
+        # A camera does not count below zero.
+        images.append(np.maximum(image + noise_std * flat * noise, 0.0).astype(np.float32))
     return np.stack(images)
 
 

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from cli.config import Config, config_path, dump_config, load_config, shipped_configs
-from data_gen.config import ReliefConfig
+from cli.config import Config, config_path, dataset_config, dump_config, load_config, shipped_configs
+from data_gen.config import RasterConfig, ReliefConfig, RingsConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
@@ -170,3 +170,30 @@ def test_files_that_are_no_text_or_huge_are_refused(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(InputError):
         load_config(str(path))
+
+
+def test_another_pattern_has_other_keys(tmp_path):
+    """Keys are those of the pattern that is named; with its own defaults for the rest."""
+    config = load(tmp_path, "reliefs: {pattern: raster, spacing_m: [1e-3, 2e-3]}")
+    assert isinstance(config.reliefs, RasterConfig) and config.reliefs.spacing_m == (1e-3, 2e-3)
+    rings = load_config(None, ["reliefs.pattern=rings", "reliefs.line_count=[2, 2]"])
+    assert isinstance(rings.reliefs, RingsConfig) and rings.reliefs.line_count == (2, 2)
+    assert load_config(None, ["reliefs.line_count=[3, 3]"]).reliefs.line_count == (3, 3)
+    with pytest.raises(InputError, match="spacing_m"):
+        load(tmp_path, "reliefs: {spacing_m: [1e-3, 2e-3]}")
+    with pytest.raises(InputError, match="spiral"):
+        load_config(None, ["reliefs.pattern=spiral"])
+    # What is written out comes back.
+    path = tmp_path / "again.yaml"
+    path.write_text(dump_config(config), encoding="utf-8")
+    assert load_config(str(path)) == config
+
+
+def test_data_sets_take_what_is_given_and_suit_their_kind_otherwise():
+    few = load_config(None, ["data.noisy.n_photons=1000"])
+    denoiser = dataset_config(few, kind="denoiser", n_samples=3, seed=1)
+    assert (denoiser.noisy.preset, denoiser.noisy.n_photons, denoiser.clean.n_photons) == ("paper", 1000, 16_000_000)
+    updater = dataset_config(few, kind="updater", n_samples=3, seed=1)
+    assert (updater.noisy.preset, updater.noisy.n_photons, updater.clean.n_photons) == ("lattice", 1000, None)
+    paper = dataset_config(load_config("paper"), kind="updater", n_samples=3)
+    assert (paper.noisy.preset, paper.clean.n_photons) == ("paper", 16_000_000)
