@@ -107,7 +107,11 @@ def dataset_config(config: Config, **values: Any) -> DatasetConfig:
         config: gives scene, reliefs and data.
         values: kind, n_samples, seed and what else belongs to one data set.
     """
-    tree = {"scene": config.scene, "reliefs": config.reliefs, "samples_per_shard": config.data.samples_per_shard}
+    tree: dict[str, Any] = {
+        "scene": config.scene,
+        "reliefs": config.reliefs,
+        "samples_per_shard": config.data.samples_per_shard,
+    }
     plain = DatasetConfig.model_validate({**tree, **values})
     for name in ("noisy", "clean"):
         wish = {key: value for key, value in getattr(config.data, name).model_dump().items() if value is not None}

@@ -1,0 +1,56 @@
+"""The ten test fields as files, ready for ``nsfc reconstruct`` and ``nsfc compare``."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cli.console import json_text
+from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, test_heights, test_images
+from warp_caustics.errors import InputError
+from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.heights import write_heights
+from warp_caustics.io.images import write_image
+from warp_caustics.scene import Scene
+
+
+def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS) -> dict[str, Any]:
+    """Write ``field_0_heights.npy``, ``field_0_image.tif`` ... and ``testset.json``.
+
+    Args:
+        directory: made if it is missing.
+        scene: the set-up.
+        device: where to simulate.
+        fields: how many of the ten.
+
+    Returns:
+        What ``testset.json`` holds.
+
+    Raises:
+        InputError: another number of fields, or a folder that cannot be made.
+    """
+    if not 1 <= fields <= TEST_FIELDS:
+        raise InputError(f"{fields} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
+    folder = Path(directory)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"folder {directory!r} cannot be made ({error.strerror}); create its parent first") from error
+    heights = test_heights(scene, device)[:fields].astype(np.float64)
+    images = test_images(scene, device, fields=fields)
+    names = [f"field_{k}" for k in range(fields)]
+    for name, relief, image in zip(names, heights, images, strict=True):
+        write_heights(folder / f"{name}_heights.npy", relief)
+        write_image(
+            folder / f"{name}_image.tif", image, wavelengths_m=scene.wavelengths_m, pixel_size_m=scene.pixel_size_m
+        )
+    record = {
+        "fields": names,
+        "flat_guess_rmse_um": (np.sqrt((heights**2).mean(axis=(1, 2))) * 1e6).tolist(),
+        "noise_std_of_flat": NOISE_STD,
+        "photons": TEST_PHOTONS.model_dump(),
+        "scene": scene.model_dump(mode="json"),
+    }
+    with atomic_path(folder / "testset.json") as path:
+        path.write_text(json_text(record) + "\n", encoding="utf-8")
+    return record

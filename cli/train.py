@@ -1,0 +1,226 @@
+"""``nsfc train``: train a network, or go on training it."""
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from cli.console import Console
+from cli.options import config_options, device_option, integer, json_option, start_device
+
+if TYPE_CHECKING:
+    from nets.training.config import RunConfig
+    from nets.training.progress import TrainingResult
+
+KINDS = ("denoiser", "updater", "direct", "unrolled")
+RUN_FILES = (
+    "config.resolved.yaml", "metrics.csv", "checkpoints", "pictures", "tensorboard", "weights.safetensors",
+)  # fmt: skip
+"""What a run folder holds, and all that --force may remove."""
+EXIT_CODES = {"interrupted": 130, "terminated": 143}
+_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def duration(text: str) -> float:
+    """Option type: time such as 90s, 8m, 1.5h or 2d; without a unit, seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhd]?)", text.strip())
+    if match is None or float(match[1]) == 0:
+        raise click.BadParameter(f"{text!r} is no time; write for example 90s, 8m or 1.5h")
+    return float(match[1]) * _UNITS[match[2]]
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("data", type=click.Path(), required=False)
+@click.option("-o", "--output", type=click.Path(), required=True, metavar="RUN", help="Folder of the run.")
+@click.option("--fresh", is_flag=True, help="Simulate samples when they are needed instead of reading DATA.")
+@click.option("--preset", help="Network: paper, direct, direct-small, direct-large, unrolled, unrolled-small ...")
+@click.option("--initial-weights", type=click.Path(), help="Weights file to start from.")
+@click.option("--resume", is_flag=True, help="Continue the run in the folder from its last checkpoint.")
+@click.option("--force", is_flag=True, help="Delete an earlier run in the folder.")
+@click.option("--max-time", type=duration, metavar="TIME", help="Stop this command after so long, e.g. 8m.")
+@click.option("--max-steps", type=integer, help="Stop this command when the run has so many steps.")
+@click.option("--total-time", type=duration, metavar="TIME", help="Length of the whole run, over several commands.")
+@click.option("--total-steps", type=integer, help="The same in steps; cosine decay ends there.")
+@click.option("--batch-size", type=integer, help="Samples per device and step.")
+@click.option("--precision", type=click.Choice(("32", "bf16", "16")), help="Of the network's arithmetic.")
+@click.option("--seed", type=integer, help="Of weights, samples and augmentation.")
+@click.option("--devices", type=integer, default=1, show_default=True, help="GPUs; each gets samples of its own.")
+@device_option
+@config_options
+@json_option
+def train(
+    kind: str,
+    data: str | None,
+    output: str,
+    fresh: bool,
+    preset: str | None,
+    initial_weights: str | None,
+    resume: bool,
+    force: bool,
+    max_time: float | None,
+    max_steps: int | None,
+    total_time: float | None,
+    total_steps: int | None,
+    batch_size: int | None,
+    precision: str | None,
+    seed: int | None,
+    devices: int,
+    device: str,
+    config_source: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Train a network: denoiser, updater, direct (image to heights) or unrolled.
+
+    Samples come from the data set DATA, or are simulated (--fresh). Without --total-time and --total-steps,
+    --max-time or --max-steps of the first command is the length of the run. Ctrl-C ends with a checkpoint.
+    """
+    start = time.monotonic()
+    _check_usage(data, fresh, resume, force, devices, preset, config_source)
+    from cli.train_config import new_run, resumed_run
+    from warp_caustics.errors import InputError
+
+    console = Console(as_json)
+    if not resume and total_steps is None and total_time is None:
+        total_steps = max_steps
+    overrides = {
+        "training.batch_size": batch_size,
+        "training.precision": precision,
+        "training.seed": seed,
+        "training.total_steps": total_steps,
+        "training.total_time_s": total_time,
+        "data": os.path.abspath(data) if data is not None else None,
+        "initial_weights": os.path.abspath(initial_weights) if initial_weights is not None else None,
+    }
+    # The other processes of a run are started by the first, which has checked and made the folder.
+    is_first = int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
+    folder = Path(os.path.realpath(output))
+    if resume:
+        config = resumed_run(folder, settings, overrides)
+        if config.kind != kind:
+            raise InputError(f"run {output!r} trains a {config.kind}; give that instead of {kind!r}")
+    else:
+        config = new_run(kind, preset, config_source, settings, overrides)  # type: ignore[arg-type]
+        if is_first:
+            check_run_folder(folder, force)
+    result = _trained(config, folder, console, is_first, _start(device, devices), max_time, max_steps, start, resume)
+    if is_first:
+        for line in summary(output, result):
+            console.line(line)
+        console.record({"output": output, **_record(result), "config": config.model_dump(mode="json")})
+    if result.stop_reason in EXIT_CODES:
+        if is_first:
+            click.echo(f"{result.stop_reason}; continue with nsfc train {kind} -o {output} --resume", err=True)
+        return EXIT_CODES[result.stop_reason]
+    return 0
+
+
+def _check_usage(
+    data: str | None, fresh: bool, resume: bool, force: bool, devices: int, preset: str | None, config: str | None
+) -> None:
+    if resume:
+        given = {"DATA": data, "--fresh": fresh, "--force": force, "--preset": preset, "--config": config}
+        for name, value in given.items():
+            if value:
+                raise click.UsageError(f"{name} does not go with --resume, which takes it from the run; leave it out")
+    elif (data is None) == (not fresh):
+        raise click.UsageError("give the folder of a data set or --fresh, and not both")
+    if devices < 1:
+        raise click.UsageError(f"--devices {devices} is below 1")
+
+
+def _start(device: str, devices: int) -> tuple[str, int]:
+    from warp_caustics.errors import InputError, ResourceError
+
+    name = start_device(device)
+    if devices > 1:
+        import torch
+
+        if ":" in device:
+            raise InputError(f"--device {device} is one GPU, --devices {devices} wants more; use --device cuda")
+        found = torch.cuda.device_count() if name.startswith("cuda") else devices
+        if found < devices:
+            raise ResourceError(f"--devices {devices}, but {found} GPUs found; use --devices {max(1, found)}")
+    return name, devices
+
+
+def check_run_folder(folder: Path, force: bool) -> None:
+    """Make the folder of a new run.
+
+    Args:
+        folder: of the run.
+        force: remove an earlier run in it.
+
+    Raises:
+        InputError: it holds a run or something else.
+    """
+    from warp_caustics.errors import InputError
+
+    if not folder.parent.is_dir():
+        raise InputError(f"folder {str(folder.parent)!r} does not exist; create it first")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"output {str(folder)!r} is a file; name a folder")
+    held = sorted(os.listdir(folder)) if folder.exists() else []
+    foreign = [name for name in held if name not in RUN_FILES and not name.startswith(".tmp-")]
+    if foreign:
+        raise InputError(f"output {str(folder)!r} holds other files ({', '.join(foreign)[:80]}); name a new folder")
+    # What has no checkpoint yet has learned nothing: a start that failed needs no --force.
+    has_learned = (folder / "weights.safetensors").exists() or any(folder.glob("checkpoints/*.ckpt"))
+    if has_learned and not force:
+        raise InputError(f"output {str(folder)!r} holds a run; continue it with --resume, or delete it with --force")
+    for name in held:
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    folder.mkdir(exist_ok=True)
+
+
+def _trained(
+    config: "RunConfig",
+    folder: Path,
+    console: Console,
+    is_first: bool,
+    where: tuple[str, int],
+    max_time: float | None,
+    max_steps: int | None,
+    start: float,
+    resume: bool,
+) -> "TrainingResult":
+    from cli.config import dump_config
+    from cli.train_config import RESOLVED
+    from cli.train_progress import training_observer
+    from nets.training.fabric import launched
+    from nets.training.fit import Limits, fit
+    from warp_caustics.io.atomic import atomic_path
+
+    if is_first:
+        with atomic_path(folder / RESOLVED) as path:
+            path.write_text(dump_config(config), encoding="utf-8")
+    fabric = launched(*where)
+    limits = Limits(max_steps, start + max_time if max_time is not None else None)
+    with training_observer(console, is_first) as observer:
+        return fit(config, folder, fabric, observer, limits, resume=resume)
+
+
+def summary(output: str, result: "TrainingResult") -> list[str]:
+    """A few lines for people."""
+    lines = [
+        f"run        {output}, {result.step} steps, {result.elapsed_s:.1f} s, "
+        f"stopped by {result.stop_reason.replace('_', ' ')}"
+    ]
+    if result.best is not None:
+        lines.append(f"best       {result.objective.removeprefix('val_').replace('_', ' ')} {result.best:.4g}")
+    if result.weights is not None:
+        lines.append(f"weights    {result.weights}")
+    return lines
+
+
+def _record(result: "TrainingResult") -> Mapping[str, Any]:
+    from dataclasses import asdict
+
+    return asdict(result)

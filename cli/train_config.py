@@ -1,0 +1,84 @@
+"""Configuration of ``nsfc train``: defaults of the kind and preset, file, --set, options; later ones win."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pydantic
+
+from cli.config import MAX_PROBLEMS, _merged, _nested, _parsed_setting, _read_yaml, config_path
+from nets.training.config import RunConfig, TrainingKind, default_run
+from warp_caustics.errors import InputError
+from warp_caustics.scene import validation_lines
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+RESOLVED = "config.resolved.yaml"
+
+
+def new_run(
+    kind: TrainingKind,
+    preset: str | None,
+    source: str | None,
+    settings: Sequence[str],
+    overrides: Mapping[str, Any],
+) -> RunConfig:
+    """The configuration of a new run.
+
+    Args:
+        kind: what is trained.
+        preset: name of the network's preset; the kind's first if None.
+        source: file or name of a configuration. One for the whole program gives scene, reliefs and, for denoiser
+            and updater, Tab. 2's numbers; the rest of it is for other commands.
+        settings: ``key.key=value``.
+        overrides: dotted key to value, from other options; None is left out. A data set given here
+            brings its scene and reliefs.
+
+    Raises:
+        InputError: unreadable, unknown keys, or values out of range.
+    """
+    tree = default_run(kind, preset)
+    if overrides.get("data") is not None:
+        from data_gen.store import CausticDataset
+        from nets.training.files import described
+
+        stored = described(CausticDataset(overrides["data"])).model_dump(mode="json")
+        tree = {**tree, "scene": stored["scene"], "reliefs": stored["reliefs"]}
+    if source is not None:
+        path = config_path(source)
+        tree = _merged(tree, _of_training(_read_yaml(path), kind), f"{path}: ")
+    return _checked(tree, settings, overrides)
+
+
+def resumed_run(folder: "str | PathLike[str]", settings: Sequence[str], overrides: Mapping[str, Any]) -> RunConfig:
+    """The configuration of an earlier run, with changes; arguments as of :func:`new_run`."""
+    path = Path(folder, RESOLVED)
+    if not path.is_file():
+        raise InputError(f"{str(folder)!r} holds no {RESOLVED}, so no run to resume; leave out --resume")
+    return _checked(_read_yaml(path), settings, overrides)
+
+
+def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
+    """A configuration file for the whole program as one for training."""
+    result = {key: value for key, value in tree.items() if key not in ("simulation", "reconstruction", "data")}
+    numbers = {name: result.pop(name, None) for name in ("denoiser", "updater")}.get(kind)
+    if numbers:
+        result["network"] = {**(result.get("network") or {}), "network": numbers}
+        rates = {key: numbers[key] for key in ("learning_rate", "lambda_tv") if numbers.get(key) is not None}
+        result["training"] = {**rates, **(result.get("training") or {})}
+    return result
+
+
+def _checked(tree: dict[str, Any], settings: Sequence[str], overrides: Mapping[str, Any]) -> RunConfig:
+    for setting in settings:
+        tree = _merged(tree, _parsed_setting(setting), f"--set {setting}: ")
+    for key, value in overrides.items():
+        if value is not None:
+            tree = _merged(tree, _nested(key.split("."), value), "")
+    try:
+        return RunConfig.model_validate(tree)
+    except pydantic.ValidationError as error:
+        problems = validation_lines(error)
+        more = f"; {len(problems) - MAX_PROBLEMS} more problems" if len(problems) > MAX_PROBLEMS else ""
+        raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error

@@ -1,0 +1,264 @@
+"""What a training run is: its configuration, complete and checked, and its defaults by kind."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from data_gen.config import PatternConfig, ReliefConfig
+from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
+from nets.architecture import PRESETS, Architecture
+from nets.modern_config import Finite, Strict
+from warp_caustics.errors import InputError
+from warp_caustics.scene import Placement, Scene
+
+TrainingKind = Literal["denoiser", "updater", "direct", "unrolled"]
+Precision = Literal["32", "bf16", "16"]
+
+VALIDATION_SEED = 5_871_781_006_564_002_453
+"""Of the fixed validation reliefs: the same for all runs, so that they compare."""
+
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Share = Annotated[Finite, Field(ge=0, le=1)]
+Weight = Annotated[Finite, Field(ge=0, le=1e6)]
+Seconds = Annotated[Finite, Field(gt=0, le=1e8)]
+
+
+class PhotonVariant(Strict):
+    """One way to simulate training images; a step takes one of several, so that networks do not learn a lattice."""
+
+    placement: Placement = "lattice"
+    photons_per_pixel: Annotated[Finite, Field(gt=0, le=1000)] = 4.0
+    smoothing: Annotated[Finite, Field(ge=0, le=1e4)] | None = None
+    """s; the lattice preset's if None."""
+    share: Share = 1.0
+    """Of the steps, relative to the other variants."""
+
+
+LATTICE = PhotonVariant()
+VARIANTS = (
+    PhotonVariant(photons_per_pixel=1.5, share=0.45),
+    PhotonVariant(photons_per_pixel=4.0, share=0.45),
+    # s = 5: a flat plate has 4.5 % noise; s of the lattice would give 8 %.
+    PhotonVariant(placement="stratified", photons_per_pixel=8.0, smoothing=5.0, share=0.1),
+)
+"""About 4e5 and 1e6 photons at Tab. 1's 512 x 512 pixels, and now and then photons that are no lattice."""
+
+
+class AugmentationConfig(Strict):
+    """Changes of a training sample, drawn anew for every sample in every step."""
+
+    symmetries: bool = True
+    """One of the square's symmetries that the scene has, applied to plate and image together."""
+    noise: Annotated[Finite, Field(ge=0, le=1)] = 0.03
+    """Largest relative noise of an image; each has a level of its own, uniform from 0."""
+    exposure: Annotated[Finite, Field(ge=0, lt=1)] = 0.05
+    """Largest relative error of an image's brightness, uniform."""
+
+
+class ReplayConfig(Strict):
+    """A pool of the last samples on the device, from which batches are drawn: cheaper than simulating each."""
+
+    size: Annotated[int, Field(ge=0, le=10**6)] = 0
+    """Samples kept; 0 for no pool. A sample of Tab. 1's scene takes 1.6 MiB."""
+    fresh_per_step: Annotated[int, Field(ge=1, le=4096)] = 8
+
+
+class ValidationConfig(Strict):
+    """The fixed samples that a network is judged by."""
+
+    count: Annotated[int, Field(ge=1, le=4096)] = 64
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = VALIDATION_SEED
+    noise: Annotated[Finite, Field(ge=0, le=1)] = 0.01
+    """Relative noise of the images of ``direct`` and ``unrolled``."""
+
+
+class StartShares(Strict):
+    """Where unrolled iterations start, as shares of a batch."""
+
+    flat: Share = 0.5
+    perturbed: Share = 0.5
+    direct: Share = 0.0
+    """The answer of a trained direct network; needs ``direct_weights``."""
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> "StartShares":
+        if self.flat + self.perturbed + self.direct <= 0:
+            raise ValueError("all shares are 0, so nothing starts anywhere; raise one")
+        return self
+
+
+class UnrollingConfig(Strict):
+    """Iterations of ``unrolled`` training."""
+
+    first_steps: Annotated[int, Field(ge=1, le=100)] = 1
+    """K at the beginning."""
+    last_steps: Annotated[int, Field(ge=1, le=100)] = 4
+    """K from ``growth_share`` of the run on."""
+    growth_share: Share = 0.5
+    step_weight_growth: Annotated[Finite, Field(ge=1, le=100)] = 1.5
+    """Each step's loss weighs so much more than that of the step before."""
+    through_steps: bool = False
+    """Back-propagate through the chain of network steps (never through the simulator)."""
+    start: StartShares = StartShares()
+    direct_weights: str | None = None
+    """Weights file of the direct network, which is not trained further."""
+    photons: PhotonVariant = PhotonVariant(photons_per_pixel=1.5)
+    """Of the simulation in the loop."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "UnrollingConfig":
+        if self.last_steps < self.first_steps:
+            raise ValueError(f"last_steps {self.last_steps} is below first_steps {self.first_steps}; raise it")
+        if self.start.direct > 0 and self.direct_weights is None:
+            raise ValueError(f"a share of {self.start.direct:g} starts at a direct network; give direct_weights")
+        return self
+
+
+class TrainingConfig(Strict):
+    """How a network is trained."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    batch_size: Annotated[int, Field(ge=1, le=4096)] = 16
+    """Per device and step of the optimiser's accumulation."""
+    accumulate: Annotated[int, Field(ge=1, le=1024)] = 1
+    """Batches per optimiser step."""
+    optimiser: Literal["adam", "adamw"] = "adam"
+    learning_rate: Annotated[Finite, Field(gt=0, le=10)] = 1e-3
+    weight_decay: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    clip_norm: Annotated[Finite, Field(gt=0, le=1e6)] | None = None
+    warmup_steps: Annotated[int, Field(ge=0, le=10**7)] = 0
+    schedule: Literal["constant", "cosine"] = "constant"
+    final_rate: Share = 0.01
+    """What cosine decay ends at, a fraction of the learning rate."""
+    total_steps: Count | None = None
+    """Length of the whole run, over all commands that continue it; the schedule ends there."""
+    total_time_s: Seconds | None = None
+    """The same in seconds of training."""
+    ema_decay: Annotated[Finite, Field(ge=0, lt=1)] = 0.0
+    """Average of the weights, which is what is validated and exported; 0 for none."""
+    precision: Precision = "32"
+    compile: bool = False
+    channels_last: bool = True
+    steps_per_epoch: Count = 500
+    """Optimiser steps between validations for fresh samples; files have epochs of their own."""
+    patience: Annotated[int, Field(ge=1, le=10**6)] | None = 3
+    """Stop after so many epochs without progress; None for never."""
+    min_epochs: Annotated[int, Field(ge=1, le=10**6)] = 5
+    log_every_steps: Annotated[int, Field(ge=1, le=10**6)] = 20
+    exported: Literal["float32", "float16"] = "float32"
+    """How weights.safetensors stores the weights."""
+    checkpoint_minutes: Annotated[Finite, Field(gt=0, le=1e5)] = 2.0
+    checkpoint_steps: Count | None = None
+    """Checkpoint every so many steps, besides the time."""
+    photons: Annotated[tuple[PhotonVariant, ...], Field(min_length=1, max_length=16)] = VARIANTS
+    """Of fresh images, ``direct`` and ``unrolled``."""
+    noisy: PhotonConfig = PhotonConfig()
+    """Of fresh samples: the denoiser's input, the updater's simulated image."""
+    clean: PhotonConfig = PhotonConfig()
+    """Of fresh samples: the denoiser's target, the updater's target image."""
+    slope_weight: Weight = 0.1
+    """Weight of the slopes' error, ``direct`` and ``unrolled``; a slope of 1 counts as 1 mm."""
+    height_loss: Literal["squared", "absolute"] = "squared"
+    """Of ``updater``: mean square [mm^2] or mean magnitude [mm]."""
+    lambda_tv: Weight = 0.0
+    """Weight of the total variation [mm], ``updater``."""
+    denoiser_weights: str | None = None
+    """Weights file of the network that denoises the simulated images of fresh ``updater`` samples; None leaves them
+    raw. A data set brings its own."""
+    data_workers: Annotated[int, Field(ge=0, le=64)] = 2
+    """Processes that read files; none for fresh samples."""
+    augmentation: AugmentationConfig = AugmentationConfig()
+    replay: ReplayConfig = ReplayConfig()
+    validation: ValidationConfig = ValidationConfig()
+    unrolling: UnrollingConfig = UnrollingConfig()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "TrainingConfig":
+        if self.validation.seed == self.seed:
+            raise ValueError(f"seed {self.seed} is that of the validation reliefs; take another")
+        if all(variant.share == 0 for variant in self.photons):
+            raise ValueError("all photon variants have share 0; raise one")
+        return self
+
+
+class RunConfig(Strict):
+    """A training run: what ``config.resolved.yaml`` holds."""
+
+    kind: TrainingKind
+    scene: Scene = Scene()
+    reliefs: PatternConfig = ReliefConfig()
+    network: Annotated[Architecture, Field(discriminator="kind")]
+    training: TrainingConfig
+    data: str | None = None
+    """Folder of the data set; None for fresh samples."""
+    initial_weights: str | None = None
+    """Weights file that the network starts from."""
+
+    @model_validator(mode="after")
+    def _of_one_kind(self) -> "RunConfig":
+        if self.network.kind != self.kind:
+            raise ValueError(
+                f"a network of kind {self.network.kind!r} cannot be trained as {self.kind!r}; "
+                f"use a preset such as {PRESETS_OF_KIND[self.kind][0]}"
+            )
+        replayed = self.training.replay.size
+        if replayed and (self.kind not in ("direct", "unrolled") or self.data is not None):
+            raise ValueError("training.replay.size is for fresh samples of direct and unrolled; set it to 0")
+        if self.training.denoiser_weights is not None and (self.kind != "updater" or self.data is not None):
+            raise ValueError("training.denoiser_weights is for fresh samples of the updater; leave it out")
+        return self
+
+
+PRESETS_OF_KIND: dict[str, tuple[str, ...]] = {
+    "denoiser": ("paper-denoiser",),
+    "updater": ("paper-updater", "paper-updater-no-gradient"),
+    "direct": ("direct", "direct-small", "direct-large"),
+    "unrolled": ("unrolled", "unrolled-small"),
+}
+"""Networks by kind, the default first. ``paper`` is short for the first of the paper's."""
+
+_OURS = TrainingConfig(
+    optimiser="adamw",
+    learning_rate=1e-3,
+    weight_decay=0.01,
+    clip_norm=1.0,
+    warmup_steps=300,
+    schedule="cosine",
+    ema_decay=0.999,
+    precision="bf16",
+    patience=None,
+)
+# The supplement: Adam, stop after 3 epochs without progress, at least 5 epochs. A pair or a gradient that belongs to
+# an image admits no noise on that image afterwards.
+_PAPER = TrainingConfig(batch_size=8, augmentation=AugmentationConfig(symmetries=False, noise=0.0, exposure=0.0))
+
+
+def default_run(kind: TrainingKind, preset: str | None = None) -> dict[str, Any]:
+    """The configuration of a kind of training in plain types, before anything is overridden.
+
+    Args:
+        kind: what is trained.
+        preset: a network of ``PRESETS_OF_KIND``; the first if None, or ``"paper"``.
+
+    Raises:
+        InputError: no such preset for this kind.
+    """
+    names = PRESETS_OF_KIND[kind]
+    name = names[0] if preset is None or (preset == "paper" and kind in ("denoiser", "updater")) else preset
+    if name not in names:
+        raise InputError(f"preset {preset!r} is no {kind}; use one of {', '.join(names)}")
+    network = PRESETS[name]
+    training = _OURS if kind in ("direct", "unrolled") else _PAPER
+    changes: dict[str, Any] = {"noisy": PAPER_NOISY, "clean": PAPER_CLEAN} if kind == "denoiser" else {}
+    if network.kind in ("denoiser", "updater"):
+        changes["learning_rate"] = network.network.learning_rate
+        changes["lambda_tv"] = network.network.lambda_tv or 0.0
+    return {
+        "kind": kind,
+        "scene": Scene().model_dump(mode="json"),
+        "reliefs": ReliefConfig().model_dump(mode="json"),
+        "network": network.model_dump(mode="json"),
+        "training": training.model_copy(update=changes).model_dump(mode="json"),
+        "data": None,
+        "initial_weights": None,
+    }

@@ -1,0 +1,57 @@
+"""From a run to a weights file, and back."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from nets.modern import DirectNet, UnrolledUpdater, warm_start
+from nets.training.config import RunConfig
+from nets.training.keys import fresh_dataset
+from nets.training.sources import frozen_denoiser
+from warp_caustics.errors import MismatchError
+from warp_caustics.scene import Scene
+
+
+def export_weights(path: Path, network: nn.Module, config: RunConfig, training: dict[str, Any]) -> str:
+    """Write the averaged network; returns the path."""
+    from nets.weights import save_weights
+
+    if config.data is None:
+        denoiser = frozen_denoiser(config, torch.device("cpu"))[1]
+        fingerprint = fresh_dataset(config, is_validation=False, denoiser=denoiser).sample_fingerprint()
+    else:
+        from nets.training.files import data_fingerprint
+
+        fingerprint = data_fingerprint(config.data)
+    precision = config.training.exported
+    save_weights(path, network, scene=config.scene, data_fingerprint=fingerprint, training=training, dtype=precision)
+    return str(path)
+
+
+def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_flat: bool) -> None:
+    """Start from a weights file; an unrolled network may also start from a direct one.
+
+    Args:
+        path: of the file.
+        network: changed in place.
+        scene: what it is for.
+        starts_flat: of an unrolled network, whether no iteration starts at the direct network's answer.
+
+    Raises:
+        MismatchError: of another network.
+    """
+    from nets.weights import load_weights
+
+    loaded = load_weights(path, scene=scene)
+    if isinstance(network, UnrolledUpdater) and isinstance(loaded.module, DirectNet):
+        warm_start(network, loaded.module, keep_head=starts_flat)
+        return
+    found, wanted = loaded.info.architecture, network.config
+    if found != wanted:
+        raise MismatchError(
+            f"network in {path!r} is a {found.kind} of another architecture than the one to be trained; "
+            "choose its preset, or leave out --initial-weights"
+        )
+    network.load_state_dict(loaded.module.state_dict())

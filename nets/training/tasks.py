@@ -1,0 +1,197 @@
+"""What is learned: loss, measure of quality and sample picture of each kind of training."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+
+from nets.encoding import flat_irradiance
+from nets.training.augment import draw_symmetries, noisy, photographed, transformed
+from nets.training.clock import Stopwatch
+from nets.training.config import RunConfig
+from nets.training.keys import step_generator
+from nets.training.losses import psnr_db, relief_loss, relief_rmse_um, update_loss
+from nets.training.sources import Batch
+
+Model = Callable[..., Any]
+"""The network as it is called in training: in its precision, on all processes."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a sample picture shows.
+
+    Attributes:
+        image: what the network saw, shape [n_w, m, m] [W/m^2].
+        truth: shape [n, n] [m] for heights, [m, m] [W/m^2] for images.
+        answer: of the network, shape of truth.
+        is_height: which of both.
+    """
+
+    image: torch.Tensor
+    truth: torch.Tensor
+    answer: torch.Tensor
+    is_height: bool
+
+    def on_cpu(self) -> "Sample":
+        """The same in the CPU's memory."""
+        return Sample(self.image.cpu(), self.truth.cpu(), self.answer.cpu(), self.is_height)
+
+
+class Task(Protocol):
+    """One kind of training."""
+
+    objective: str
+    """Name of the measure that is minimised over epochs."""
+
+    def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
+        """Scalar to minimise; ``progress`` runs from 0 to 1 over the whole run."""
+
+    def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
+        """Quality on validation batches."""
+
+    def sample(self, model: Model, batch: Batch) -> Sample:
+        """The first sample of a validation batch, to be looked at."""
+
+
+class Common:
+    """What all kinds share.
+
+    Args:
+        config: the run.
+        device: where batches are.
+        rank: which of the processes.
+    """
+
+    def __init__(self, config: RunConfig, device: torch.device, rank: int = 0):
+        self.config, self.training, self.device, self.rank = config, config.training, device, rank
+        self.flat = flat_irradiance(config.scene).to(device)
+
+    def generator(self, purpose: str, step: int) -> torch.Generator:
+        return step_generator(self.training.seed, purpose, step, self.rank, self.device)
+
+    def turned(self, batch: Batch, step: int) -> Batch:
+        """The batch under random symmetries."""
+        if not self.training.augmentation.symmetries:
+            return batch
+        size = len(next(iter(batch.values())))
+        symmetries = draw_symmetries(size, self.config.scene, self.generator("symmetries", step))
+        return {name: transformed(values, symmetries) for name, values in batch.items()}
+
+    def seen(self, image: torch.Tensor, step: int) -> torch.Tensor:
+        """The image as a camera sees it."""
+        change = self.training.augmentation
+        return photographed(image, self.flat, change.noise, change.exposure, self.generator("camera", step))
+
+    def validation_image(self, batch: Batch, number: int) -> torch.Tensor:
+        """The image of a validation batch with its noise, the same in every epoch and run."""
+        validation = self.training.validation
+        generator = step_generator(validation.seed, "noise", number, 0, self.device)
+        return noisy(batch["image"], self.flat, validation.noise, generator)
+
+
+def relief_measures(errors: list[torch.Tensor]) -> dict[str, float]:
+    """Mean and median over fields of the relief's RMSE [um]."""
+    rmse = torch.cat(errors)
+    return {"val_rmse_um": float(rmse.mean()), "val_median_rmse_um": float(rmse.median())}
+
+
+class DenoiserTask(Common):
+    """Noisy to clean images, mean square error (section 2.1)."""
+
+    objective = "val_loss"
+
+    def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
+        batch = self.turned(batch, step)
+        error = (model(batch["noisy"]) - batch["clean"]) / self.flat
+        loss: torch.Tensor = error.square().mean()
+        return loss
+
+    def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
+        """Mean square error and PSNR; their peak is the light of a flat plate."""
+        losses, before, after = [], [], []
+        for batch in batches:
+            clean = batch["clean"] / self.flat
+            answer = model(batch["noisy"]) / self.flat
+            losses.append((answer - clean).square().mean(dim=(1, 2, 3)))
+            after.append(psnr_db(answer, clean, 1.0).mean(dim=1))
+            before.append(psnr_db(batch["noisy"] / self.flat, clean, 1.0).mean(dim=1))
+        names = ("val_loss", "val_psnr_db", "val_noisy_psnr_db")
+        return {n: float(torch.cat(v).mean()) for n, v in zip(names, (losses, after, before), strict=True)}
+
+    def sample(self, model: Model, batch: Batch) -> Sample:
+        answer = model(batch["noisy"][:1])[0, 0]
+        return Sample(batch["noisy"][0], batch["clean"][0, 0], answer, is_height=False)
+
+
+class UpdaterTask(Common):
+    """One step from perturbed heights to the true ones (section 2.2)."""
+
+    objective = "val_loss"
+
+    def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
+        batch = self.turned(batch, step)
+        return self._error(self._heights(model, batch), batch)
+
+    def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
+        losses, errors, start = [], [], []
+        for batch in batches:
+            heights = self._heights(model, batch)
+            losses.append(float(self._error(heights, batch)) * len(heights))
+            errors.append(relief_rmse_um(heights, batch["heights"]))
+            start.append(relief_rmse_um(batch["start"], batch["heights"]))
+        count = sum(map(len, errors))
+        return {
+            "val_loss": sum(losses) / count,
+            **relief_measures(errors),
+            "val_start_rmse_um": float(torch.cat(start).mean()),
+        }
+
+    def sample(self, model: Model, batch: Batch) -> Sample:
+        first = {name: values[:1] for name, values in batch.items()}
+        return Sample(first["target"][0], first["heights"][0], self._heights(model, first)[0], is_height=True)
+
+    def _heights(self, model: Model, batch: Batch) -> torch.Tensor:
+        answer: Any = model(batch["target"], batch["simulated"], batch["start"], batch["gradient"])
+        heights: torch.Tensor = answer
+        return heights
+
+    def _error(self, heights: torch.Tensor, batch: Batch) -> torch.Tensor:
+        return update_loss(heights, batch["heights"], self.training.height_loss, self.training.lambda_tv)
+
+
+class DirectTask(Common):
+    """Image to heights at once."""
+
+    objective = "val_rmse_um"
+
+    def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
+        batch = self.turned(batch, step)
+        heights = model(self.seen(batch["image"], step))
+        return relief_loss(heights, batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight)
+
+    def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
+        return relief_measures(
+            [
+                relief_rmse_um(model(self.validation_image(batch, number)), batch["heights"])
+                for number, batch in enumerate(batches)
+            ]
+        )
+
+    def sample(self, model: Model, batch: Batch) -> Sample:
+        image = self.validation_image(batch, 0)[:1]
+        return Sample(image[0], batch["heights"][0], model(image)[0], is_height=True)
+
+
+def make_task(config: RunConfig, device: torch.device, rank: int, watch: Stopwatch) -> Task:
+    """The task of a run; ``watch`` times what it simulates itself."""
+    if config.kind == "denoiser":
+        return DenoiserTask(config, device, rank)
+    if config.kind == "updater":
+        return UpdaterTask(config, device, rank)
+    if config.kind == "direct":
+        return DirectTask(config, device, rank)
+    from nets.training.unrolling import UnrolledTask
+
+    return UnrolledTask(config, device, rank, watch)

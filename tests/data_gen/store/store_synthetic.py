@@ -1,0 +1,151 @@
+"""Small, fast and misbehaving samplers. A module of its own, because spawned workers import it."""
+
+import functools
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+from data_gen.dataset_config import DatasetConfig, sample_generator
+from data_gen.sampler import Field, SampleBatch
+
+FIELDS = (
+    Field("image", (3, 8, 8), "float16", "W/m^2", "a picture"),
+    Field("heights", (8, 8), "float32", "m", "a relief"),
+)
+
+
+class SyntheticSampler:
+    """Noise. Misbehaves in one of several ways at one sample.
+
+    Args:
+        config: of the data set.
+        pause_s: per sample.
+        trouble: name of what to do at a sample.
+        at: the sample.
+        once: path of a file whose absence is needed for trouble, and which is made before it.
+        log: path of a file that gets one line per drawn shard.
+    """
+
+    fields = FIELDS
+
+    def __init__(self, config, pause_s=0.0, trouble="", at=-1, once=None, log=None):
+        self.fingerprint = config.sample_fingerprint()
+        self.pause_s, self.trouble, self.at, self.once, self.log = pause_s, trouble, at, once, log
+
+    def draw(self, ids):
+        if self.log:
+            descriptor = os.open(self.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            os.write(descriptor, f"{ids[0]}\n".encode())
+            os.close(descriptor)
+        arrays = {field.name: np.empty((len(ids), *field.shape), field.dtype) for field in self.fields}
+        for row, sample in enumerate(ids):
+            if sample == self.at and self.trouble:
+                self.make_trouble(arrays, row)
+            else:
+                self.fill(arrays, row, sample)
+            if self.pause_s:
+                time.sleep(self.pause_s)
+        counters = {"lost": np.asarray(ids, float) / 2, "clamped": np.zeros(len(ids))}
+        if self.trouble == "counter" and self.at in ids:
+            counters["lost"][0] = np.nan
+        return SampleBatch(tuple(ids), arrays, counters)
+
+    def fill(self, arrays, row, sample):
+        random = sample_generator(self.fingerprint, "synthetic", sample)
+        for field in self.fields:
+            arrays[field.name][row] = random.standard_normal(field.shape)
+
+    def make_trouble(self, arrays, row):
+        self.fill(arrays, row, self.at)
+        if self.once:
+            try:
+                os.close(os.open(self.once, os.O_CREAT | os.O_EXCL))
+            except FileExistsError:
+                return
+        if self.trouble in TROUBLES:
+            TROUBLES[self.trouble]()
+        elif self.trouble == "nan":
+            arrays["heights"][row, 1, 2] = np.nan
+        elif self.trouble == "clipped":
+            arrays["image"][row, 0, 0, 0] = 65504
+        elif self.trouble == "random":
+            arrays["heights"][row] = np.random.default_rng().standard_normal((8, 8))
+
+
+def raise_value_error():
+    raise ValueError("the glass is too thin")
+
+
+def raise_memory_error():
+    raise MemoryError
+
+
+TROUBLES = {
+    "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+    "exit": lambda: os._exit(7),
+    "stop": lambda: os.kill(os.getpid(), signal.SIGSTOP),
+    "sleep": lambda: time.sleep(3600),
+    "raise": raise_value_error,
+    "memory": raise_memory_error,
+}
+
+
+def make_sampler(config, device, **options):
+    return SyntheticSampler(config, **options)
+
+
+def failing_factory(config, device):
+    raise RuntimeError("no such device here")
+
+
+def dying_factory(config, device):
+    os._exit(9)
+
+
+def factory_of_differing_fields(config, device):
+    sampler = SyntheticSampler(config, pause_s=0.3)
+    sampler.fields = FIELDS if device == "cpu:0" else FIELDS[:1]
+    return sampler
+
+
+def factory(**options):
+    return functools.partial(make_sampler, **options)
+
+
+def make_config(n_samples=40, samples_per_shard=4, seed=1, **options):
+    return DatasetConfig(
+        kind="denoiser", n_samples=n_samples, samples_per_shard=samples_per_shard, seed=seed, **options
+    )
+
+
+def shard_bytes(folder):
+    """Content of all shard files by name."""
+    return {path.name: path.read_bytes() for path in sorted(Path(folder, "shards").glob("*.h5"))}
+
+
+def temporaries(folder):
+    return [path for path in Path(folder).rglob(".tmp-*")]
+
+
+def main():
+    """``python -m store_synthetic FOLDER WORKERS N PER_SHARD PAUSE_S``: build and print one line per shard."""
+    import sys
+
+    from data_gen.store import build
+
+    folder, workers, n_samples, per_shard, pause_s = sys.argv[1:6]
+    build(
+        folder,
+        make_config(int(n_samples), int(per_shard)),
+        factory(pause_s=float(pause_s)),
+        workers=int(workers),
+        progress=lambda state: print(state.done, flush=True),
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,387 @@
+"""The disk fails: every single system call, full disks, lost power."""
+
+import errno
+import os
+import random
+import resource
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from store_synthetic import factory, make_config, shard_bytes, temporaries
+
+from data_gen.store import build, syscalls, verify
+from data_gen.store.layout import Layout, sha256
+from data_gen.store.manifest import Complete, Manifest
+from data_gen.store.publish import publish
+from data_gen.store.syscalls import SystemCalls
+from warp_caustics.errors import CausticsError, DamagedDataError, InputError, ResourceError
+
+HERE = Path(__file__).parent
+CONFIG = make_config(n_samples=4, samples_per_shard=2)
+CALLS = ("open", "write", "read", "fsync", "close", "replace", "mkdir")
+
+
+class Faulty(SystemCalls):
+    """Fails the k-th call of a name, counted from 1; all later ones too if asked."""
+
+    def __init__(self, name, k, code, for_ever=False):
+        self.name, self.k, self.code, self.for_ever = name, k, code, for_ever
+        self.count = self.failed = 0
+
+    def __getattribute__(self, name):
+        call = super().__getattribute__(name)
+        if name != super().__getattribute__("name"):
+            return call
+
+        def counted(*arguments):
+            self.count += 1
+            if self.count == self.k or (self.for_ever and self.count > self.k):
+                self.failed += 1
+                if name == "close":
+                    # As Linux does: the descriptor is gone even if close reports an error.
+                    call(*arguments)
+                raise OSError(self.code, os.strerror(self.code))
+            return call(*arguments)
+
+        return counted
+
+
+def everything(folder):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
+
+
+def assert_published_right(folder, whole):
+    """Each manifest stands beside the right shard, COMPLETE.json beside all of them, nothing temporary is left."""
+    found = everything(folder) if folder.exists() else {}
+    for name, data in found.items():
+        assert data == whole[name], name
+    for name in found:
+        if name.endswith("0.json") or name.endswith("1.json"):
+            assert name.replace(".json", ".h5") in found
+    if "COMPLETE.json" in found:
+        assert found == whole
+
+
+def fail_each_call(monkeypatch, folder, name, code, for_ever=False):
+    """Fails the first, second ... call until a build does not get that far. Returns how many, and what came out."""
+    whole_folder = folder.with_name("whole")
+    build(whole_folder, CONFIG, factory())
+    whole, outcomes = everything(whole_folder), Counter()
+    for k in range(1, 200):
+        place = folder.with_name(f"{name}-{k}")
+        descriptors = len(os.listdir("/proc/self/fd"))
+        calls = Faulty(name, k, code, for_ever)
+        monkeypatch.setattr(syscalls, "CALLS", calls)
+        try:
+            build(place, CONFIG, factory())
+            outcomes["finished"] += 1
+        except CausticsError as error:
+            outcomes[type(error).__name__] += 1
+            assert len(str(error).splitlines()) == 1
+            assert "run the same command again to resume" in str(error), error
+            if isinstance(error, ResourceError):
+                assert error.exit_code == 6 and str(place) in str(error)
+                assert "bytes needed" in str(error) and "free" in str(error)
+        finally:
+            monkeypatch.setattr(syscalls, "CALLS", SystemCalls())
+        assert len(os.listdir("/proc/self/fd")) == descriptors, "a file stayed open"
+        assert_published_right(place, whole)
+        assert not temporaries(place)
+        if not calls.failed:
+            assert everything(place) == whole
+            outcomes["finished"] -= 1
+            return k - 1, +outcomes
+        build(place, CONFIG, factory())
+        assert everything(place) == whole
+    raise AssertionError("no end")
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_full_disk_at_every_call(monkeypatch, folder, name):
+    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.ENOSPC)
+    assert points >= 2 and outcomes == {"ResourceError": points}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_disk_error_at_every_call(monkeypatch, folder, name):
+    """One EIO of fsync or close is mended by writing the file again, all others are reported."""
+    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.EIO)
+    assert points >= 2
+    # Files are config.json, two shards with manifests and COMPLETE.json: each is synced and closed, and so is its folder,
+    # which has to be opened for that. Two more fsyncs belong to new folders.
+    mended = {"fsync": 12, "close": 12, "open": 6}.get(name, 0)
+    assert outcomes["ResourceError"] == points - mended and outcomes["finished"] == mended
+    assert name != "fsync" or points == 14
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("code", [errno.EDQUOT, errno.EXDEV])
+def test_other_errors_at_every_call(monkeypatch, folder, name, code):
+    points, outcomes = fail_each_call(monkeypatch, folder, name, code)
+    expected = "ResourceError" if code == errno.EDQUOT else "CausticsError"
+    assert points >= 2 and outcomes == {expected: points}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_interruptions_are_invisible(monkeypatch, folder, name):
+    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.EINTR)
+    assert points >= 2 and outcomes == {"finished": points}
+
+
+@pytest.mark.parametrize(("name", "code"), [("write", errno.ENOSPC), ("fsync", errno.EIO), ("close", errno.EDQUOT)])
+def test_disk_that_stays_broken_from_every_call_on(monkeypatch, folder, name, code):
+    points, outcomes = fail_each_call(monkeypatch, folder, name, code, for_ever=True)
+    assert points >= 6 and outcomes == {"ResourceError": points}
+
+
+def test_short_writes(monkeypatch, tmp_path):
+    class Short(SystemCalls):
+        calls = 0
+
+        def write(self, descriptor, data):
+            self.calls += 1
+            return super().write(descriptor, data[: 1 + len(data) // 3])
+
+    monkeypatch.setattr(syscalls, "CALLS", short := Short())
+    data = os.urandom(100_000)
+    publish(tmp_path / "file", data)
+    assert (tmp_path / "file").read_bytes() == data and short.calls > 10
+
+
+def test_failed_fsync_is_followed_by_a_new_file(monkeypatch, tmp_path):
+    """The kernel forgets pages it could not write: a second fsync of the same file says all is well."""
+    log = []
+
+    class Forgetful(SystemCalls):
+        def open(self, path, flags):
+            log.append("open" if path.name.startswith(".tmp") else "folder")
+            return super().open(path, flags)
+
+        def fsync(self, descriptor):
+            log.append("fsync")
+            if log.count("fsync") == 1:
+                raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(syscalls, "CALLS", Forgetful())
+    publish(tmp_path / "file", b"content")
+    assert log == ["open", "fsync", "open", "fsync", "folder", "fsync"]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_disk_that_returns_other_bytes_is_noticed_where_files_are_read_back(monkeypatch, tmp_path, times):
+    class Lying(SystemCalls):
+        left = times
+
+        def write(self, descriptor, data):
+            self.left -= 1
+            return super().write(descriptor, memoryview(bytes(len(data))) if self.left >= 0 else data)
+
+    monkeypatch.setattr(syscalls, "CALLS", Lying())
+    if times == 1:
+        publish(tmp_path / "file", b"content", reread=True)
+        assert (tmp_path / "file").read_bytes() == b"content"
+    else:
+        with pytest.raises(ResourceError, match="the disk returns other bytes than were written"):
+            publish(tmp_path / "file", b"content", reread=True)
+        assert list(tmp_path.iterdir()) == []
+    # Control: without reading back nobody notices.
+    monkeypatch.setattr(syscalls, "CALLS", Lying())
+    publish(tmp_path / "other", b"content")
+    assert (tmp_path / "other").read_bytes() == bytes(7)
+
+
+def test_lost_answer_of_a_rename(monkeypatch, tmp_path):
+    """Network file systems repeat a rename whose answer was lost, and then report that the source is missing."""
+
+    class Repeating(SystemCalls):
+        def replace(self, source, target):
+            super().replace(source, target)
+            super().replace(source, target)
+
+    monkeypatch.setattr(syscalls, "CALLS", Repeating())
+    publish(tmp_path / "file", b"content")
+    assert (tmp_path / "file").read_bytes() == b"content"
+
+
+def test_folder_without_permission(monkeypatch, folder):
+    monkeypatch.setattr(syscalls, "CALLS", Faulty("open", 1, errno.EACCES))
+    with pytest.raises(InputError, match="choose a folder that this user may write"):
+        build(folder, CONFIG, factory())
+
+
+def run_limited(folder, lines, workers):
+    code = (
+        f"{lines}\nfrom data_gen.store import build\nfrom store_synthetic import *\n"
+        "from warp_caustics.errors import CausticsError\n"
+        "if __name__ == '__main__':\n"
+        f"    try: build({str(folder)!r}, make_config(400, 40), factory(), workers={workers}, preflight=False)\n"
+        "    except CausticsError as error: print(error); raise SystemExit(error.exit_code)\n"
+    )
+    script = folder.parent / "script.py"
+    script.write_text(code)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
+    return subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=60)
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_limit_of_file_sizes(folder, reference, workers):
+    """What a full disk is for those who may not mount one."""
+    lines = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (40000, {resource.RLIM_INFINITY}))"
+    run = run_limited(folder, lines, workers)
+    assert run.returncode == 6 and run.stderr == "", run.stderr
+    assert len(run.stdout.splitlines()) == 1 and "shards/00000.h5' (File too large; " in run.stdout
+    assert "run the same command again to resume" in run.stdout and not temporaries(folder)
+    report = build(folder, make_config(400, 40), factory())
+    assert report.shards_built == 10
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_full_disk(tmp_path, workers):
+    """A real one, of 300 kB; needs the right to mount."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", disk]).returncode:
+        pytest.skip("needs the right to mount a tmpfs")
+    try:
+        run = run_limited(disk / "set", "", workers)
+        assert run.returncode == 6 and run.stderr == "", run.stderr
+        assert "(No space left on device; " in run.stdout and "free space, then run" in run.stdout
+        done = shard_bytes(disk / "set")
+        assert 0 < len(done) < 10 and not temporaries(disk)
+        subprocess.run(["mount", "-o", "remount,size=30m", disk], check=True)
+        build(disk / "set", make_config(400, 40), factory())
+        build(tmp_path / "whole", make_config(400, 40), factory())
+        assert shard_bytes(disk / "set") == shard_bytes(tmp_path / "whole")
+        assert done.items() <= shard_bytes(disk / "set").items()
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+class Recorder(SystemCalls):
+    """Logs what reaches the disk, and when it must have."""
+
+    def __init__(self, syncs=True):
+        self.syncs, self.log, self.files, self.contents = syncs, [], {}, {}
+
+    def open(self, path, flags):
+        descriptor = super().open(path, flags)
+        if flags & os.O_CREAT and path.name != ".lock":
+            file = len(self.contents)
+            self.contents[file], self.files[descriptor] = b"", file
+            self.log.append(("link", str(path), file))
+        elif path.is_dir():
+            self.files[descriptor] = str(path)
+        return descriptor
+
+    def write(self, descriptor, data):
+        written = super().write(descriptor, data)
+        if isinstance(self.files.get(descriptor), int):
+            self.log.append(("write", self.files[descriptor], bytes(data[:written])))
+        return written
+
+    def fsync(self, descriptor):
+        if self.syncs:
+            self.log.append(("sync", self.files[descriptor]))
+
+    def close(self, descriptor):
+        self.files.pop(descriptor, None)
+        super().close(descriptor)
+
+    def replace(self, source, target):
+        super().replace(source, target)
+        self.log.append(("rename", str(source), str(target)))
+
+
+def states_after_power_loss(log, chance, per_prefix):
+    """Folder contents that a power failure may leave: for each moment, any of the unsynced operations missing."""
+    for length in range(len(log) + 1):
+        for attempt in range(per_prefix):
+            # Nothing unsynced survives, all of it does, or any part.
+            keep = (0.0, 1.0, 0.5)[min(attempt, 2)]
+            yield _state(log[:length], chance, keep)
+
+
+def _state(log, chance, keep):
+    names, contents = {}, {}
+    for position, (kind, *arguments) in enumerate(log):
+        rest = log[position:]
+        if kind == "write":
+            durable = ("sync", arguments[0]) in rest
+            survives = durable or chance.random() < keep
+            # Lost data are zeros of the right length or nothing at all.
+            lost = bytes(len(arguments[1])) if chance.random() < 0.5 else b""
+            contents[arguments[0]] = contents.get(arguments[0], b"") + (arguments[1] if survives else lost)
+        elif kind in ("link", "rename"):
+            durable = ("sync", os.path.dirname(arguments[0])) in rest
+            if durable or chance.random() < keep:
+                if kind == "link":
+                    names[arguments[0]] = arguments[1]
+                elif arguments[0] in names:
+                    names[arguments[1]] = names.pop(arguments[0])
+            elif kind == "rename":
+                names.pop(arguments[0], None)
+    return {name: contents.get(file, b"") for name, file in names.items()}
+
+
+def violations(state, layout):
+    """A valid record that does not stand beside what it records."""
+
+    def valid(kind, path):
+        try:
+            return kind.from_bytes(state[str(path)]) if str(path) in state else None
+        except DamagedDataError:
+            return None
+
+    count = 0
+    for shard in range(CONFIG.n_shards):
+        manifest = valid(Manifest, layout.manifest(shard))
+        if manifest is not None:
+            count += sha256(state.get(str(layout.shard(shard)), b"")) != manifest.sha256
+    complete = valid(Complete, layout.complete)
+    for entry in complete.entries if complete else ():
+        manifest = state.get(str(layout.manifest(entry.shard)), b"")
+        count += sha256(manifest) != entry.manifest_sha256
+    return count
+
+
+def recorded_build(monkeypatch, folder, syncs):
+    monkeypatch.setattr(syscalls, "CALLS", recorder := Recorder(syncs))
+    build(folder, CONFIG, factory())
+    monkeypatch.setattr(syscalls, "CALLS", SystemCalls())
+    return recorder.log
+
+
+def test_power_failure_at_any_moment(monkeypatch, folder):
+    log = recorded_build(monkeypatch, folder, syncs=True)
+    whole, layout, chance = everything(folder), Layout(folder), random.Random(3)
+    states = list(states_after_power_loss(log, chance, 40))
+    assert len(states) > 1000
+    assert sum(violations(state, layout) for state in states) == 0
+    # Some of them for real: the next build brings the same data set.
+    for number, state in enumerate(chance.sample(states, 40)):
+        place = folder.with_name(f"after-{number}")
+        (place / "shards").mkdir(parents=True)
+        for name, data in state.items():
+            (place / os.path.relpath(name, folder)).write_bytes(data)
+        try:
+            build(place, CONFIG, factory(), check="full")
+        except InputError:
+            # The folder of shards was there before config.json: only possible here, where mkdir is always durable.
+            assert not (place / "config.json").exists()
+            continue
+        assert everything(place) == whole and verify(place).problems == ()
+
+
+def test_power_failure_without_fsync_is_caught(monkeypatch, folder):
+    """Control: the model finds what a publisher that does not sync leaves behind."""
+    log = recorded_build(monkeypatch, folder, syncs=False)
+    states = states_after_power_loss(log, random.Random(3), 25)
+    assert sum(violations(state, Layout(folder)) for state in states) > 10

@@ -1,0 +1,171 @@
+"""One builder per folder."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from store_synthetic import factory, make_config, shard_bytes
+
+from data_gen.store import build, builder, lock
+from data_gen.store.lock import BuildLock
+from warp_caustics.errors import CausticsError, MismatchError
+
+
+@pytest.fixture
+def path(folder):
+    folder.mkdir()
+    return folder / ".lock"
+
+
+def test_second_builder_is_refused_within_2_seconds_naming_the_first(path):
+    with BuildLock(path):
+        start = time.monotonic()
+        with pytest.raises(MismatchError) as error:
+            build(path.parent, make_config(), factory())
+        assert time.monotonic() - start < 2
+    assert f"being built by process {os.getpid()} on {socket.gethostname()}" in str(error.value)
+    assert error.value.exit_code == 5
+    assert build(path.parent, make_config(), factory()).shards_built == 10
+
+
+def test_builder_in_another_process_is_named(path):
+    code = (
+        "import sys, pathlib; from data_gen.store.lock import BuildLock\n"
+        f"with BuildLock(pathlib.Path({str(path)!r})): print('in', flush=True); sys.stdin.read()"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process.stdout.readline()
+    with pytest.raises(MismatchError, match=f"process {process.pid} on "):
+        BuildLock(path).__enter__()
+    # Once it is dead, on this host, nobody has to wait for the grace time.
+    process.kill()
+    process.communicate()
+    assert path.read_bytes() != b""
+    with BuildLock(path):
+        pass
+    assert path.read_bytes() == b""
+
+
+def write_lease(path, age_s):
+    path.write_text(json.dumps({"host": "node17", "pid": 4242, "nonce": "0"}))
+    now = time.time()
+    os.utime(path, (now - age_s, now - age_s))
+
+
+def test_live_builder_on_another_host_is_respected_and_a_dead_one_is_not(path):
+    write_lease(path, 20)
+    with pytest.raises(
+        MismatchError, match=r"process 4242 on node17; wait for it; if it is dead, try again in (39|40) s"
+    ):
+        BuildLock(path).__enter__()
+    write_lease(path, 61)
+    with BuildLock(path):
+        assert json.loads(path.read_text())["pid"] == os.getpid()
+
+
+@pytest.mark.parametrize("skew_s", [-600.0, 600.0])
+def test_clocks_of_the_hosts_do_not_matter(path, monkeypatch, skew_s):
+    """Signs of life are dated by the file system; a builder's own clock, off by ten minutes, is never asked."""
+    write_lease(path, 20)
+    true_time = time.time
+    monkeypatch.setattr(time, "time", lambda: true_time() + skew_s)
+    with pytest.raises(MismatchError, match="node17"):
+        BuildLock(path).__enter__()
+
+
+def test_signs_of_life_keep_a_lease(path):
+    with BuildLock(path, beat_s=0.05):
+        os.utime(path, (0, 0))
+        time.sleep(0.5)
+        assert time.time() - path.stat().st_mtime < 10
+
+
+def test_host_that_was_taken_for_dead_notices(path):
+    with BuildLock(path) as held:
+        held.check()
+        write_lease(path, 0)
+        with pytest.raises(MismatchError, match="process 4242 on node17 took over"):
+            held.check()
+    # Not ours any more, so not ours to empty.
+    assert "node17" in path.read_text()
+
+
+def test_builder_that_was_taken_for_dead_stops_and_leaves_files_of_the_other_alone(path):
+    def take_over(state):
+        if state.done == 8:
+            write_lease(path, 0)
+            (path.parent / "shards" / ".tmp-theirs").touch()
+
+    with pytest.raises(MismatchError, match="node17 took over"):
+        build(path.parent, make_config(), factory(), progress=take_over)
+    assert (path.parent / "shards" / ".tmp-theirs").exists() and len(shard_bytes(path.parent)) == 2
+    # The next one waits for nobody once the other is silent, and cleans up.
+    os.utime(path, (0, 0))
+    build(path.parent, make_config(), factory())
+    assert not (path.parent / "shards" / ".tmp-theirs").exists()
+
+
+def test_without_flock_the_lease_alone_keeps_others_out(path, monkeypatch):
+    def unsupported(descriptor, operation):
+        raise OSError(lock.errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(lock.fcntl, "flock", unsupported)
+    with BuildLock(path), pytest.raises(MismatchError, match=f"process {os.getpid()}"):
+        BuildLock(path).__enter__()
+
+
+@pytest.mark.parametrize("content", [b"{", b"[]", b"\xff\xfe", b'"x"'])
+def test_unreadable_lease_is_someones(path, content):
+    path.write_bytes(content)
+    with pytest.raises(MismatchError, match="unknown"):
+        BuildLock(path).__enter__()
+    os.utime(path, (0, 0))
+    with BuildLock(path):
+        pass
+
+
+def test_builders_racing_without_a_lock_write_the_same(folder, reference, monkeypatch):
+    """The lock saves work only; data do not depend on it."""
+
+    class NoLock:
+        lost = False
+
+        def __init__(self, path):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *exception):
+            pass
+
+        def check(self):
+            pass
+
+    monkeypatch.setattr(builder, "BuildLock", NoLock)
+    # They would sweep each other's temporary files, which is what the lock is there for.
+    monkeypatch.setattr(builder, "sweep", lambda *folders: None)
+    for race in range(10):
+        place, errors = folder.with_name(f"race-{race}"), []
+
+        threads = [threading.Thread(target=build_and_note, args=(place, errors)) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        # The one that is a moment late may find shards before config.json; it says so and stops.
+        assert len(errors) <= 1 and all(isinstance(error, CausticsError) for error in errors), errors
+        assert shard_bytes(place) == shard_bytes(reference)
+        assert (place / "COMPLETE.json").read_bytes() == (reference / "COMPLETE.json").read_bytes()
+
+
+def build_and_note(place, errors):
+    try:
+        build(place, make_config(), factory())
+    except Exception as error:
+        errors.append(error)

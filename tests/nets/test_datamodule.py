@@ -1,0 +1,40 @@
+"""The Lightning data module over a built data set."""
+
+import pytest
+import torch
+
+from data_gen.dataset_config import DatasetConfig
+from data_gen.samples import make_sampler
+from data_gen.store import build
+from nets.datamodule import CausticDataModule
+from warp_caustics.errors import MismatchError
+from warp_caustics.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("data") / "set"
+    config = DatasetConfig(
+        kind="updater", n_samples=40, samples_per_shard=20, scene=Scene(height_samples=8, image_pixels=16)
+    )
+    build(path, config, make_sampler)
+    return path
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_every_sample_comes_once_and_in_its_part(folder, workers):
+    module = CausticDataModule(folder, ["heights"], batch_size=4, workers=workers)
+    module.setup()
+    parts = [
+        torch.cat([batch["id"] for batch in loader]).tolist()
+        for loader in (module.train_dataloader(), module.val_dataloader())
+    ]
+    assert sorted(parts[0] + parts[1]) == list(range(40))
+    assert parts[1] == [3, 22, 25, 39]
+    assert next(iter(module.val_dataloader()))["heights"].shape == (4, 8, 8)
+
+
+def test_unfinished_sets_are_refused(folder, tmp_path):
+    (tmp_path / "config.json").write_bytes((folder / "config.json").read_bytes())
+    with pytest.raises(MismatchError, match="0/2"):
+        CausticDataModule(tmp_path).setup()
