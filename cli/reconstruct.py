@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +14,19 @@ from cli.options import config_options, device_option, integer, json_option, num
 if TYPE_CHECKING:
     from cli.config import Config
     from warp_caustics.io.capture import Capture
-    from warp_caustics.reconstruct.base import CausticImage, FloatArray, Reconstruction, Reconstructor
+    from warp_caustics.reconstruct.base import (
+        CausticImage,
+        FloatArray,
+        ProgressCallback,
+        Reconstruction,
+        Reconstructor,
+    )
     from warp_caustics.scene import Scene
 
 EXIT_INTERRUPTED = 130
+
+TRANSPORT = "transport"
+"""Value of --initial that is no file; a file of that name is ./transport."""
 
 
 @click.command()
@@ -32,7 +41,11 @@ EXIT_INTERRUPTED = 130
 @click.option("--transfer", type=click.Choice(["linear", "srgb"]), help="Tone curve of an integer image.")
 @click.option("--page", type=integer, help="Page of a TIFF with several, from 0.")
 @click.option("--dataset", help="Array in an HDF5 or NPZ file. [default: image]")
-@click.option("--initial", type=click.Path(), help="Height map to start from. [default: the method's choice]")
+@click.option(
+    "--initial",
+    metavar="FILE|transport",
+    help="Height map to start from, or transport: what that method finds. [default: the method's choice]",
+)
 @click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
 @click.option("--max-iterations", type=integer, help="Iterations per stage, at most.")
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
@@ -81,7 +94,9 @@ def reconstruct(
             "reconstruction.options.max_time_s": max_time,
         },
     )
-    files = {"image": image, "dark": dark, "flat": flat, "initial": initial, "reference": reference}
+    from_transport = initial == TRANSPORT
+    start = None if from_transport else initial
+    files = {"image": image, "dark": dark, "flat": flat, "initial": start, "reference": reference}
     inputs = read_inputs(
         {kind: path for kind, path in files.items() if path is not None},
         config.scene,
@@ -92,10 +107,14 @@ def reconstruct(
     )
     for warning in inputs.capture.warnings:
         console.warn(warning)
-    reconstructor = make_method(config, start_device(device))
+    device = start_device(device)
+    reconstructor = make_method(config, device)
     with result_folder(target, force) as folder:
         with console.progress() as progress:
-            result = reconstructor.reconstruct(inputs.caustic, initial=inputs.initial, progress=progress)
+            if from_transport:
+                result, inputs = reconstruct_from_transport(reconstructor, inputs, config.scene, device, progress)
+            else:
+                result = reconstructor.reconstruct(inputs.caustic, initial=inputs.initial, progress=progress)
         record = result_record(result, inputs, config)
         write_results(folder, result, inputs, config, record)
     for warning in result.warnings:
@@ -206,6 +225,22 @@ def make_method(config: "Config", device: str) -> "Reconstructor":
         config.reconstruction.method, config.scene, device=device, **config.reconstruction.options
     )
     return chosen
+
+
+def reconstruct_from_transport(
+    method: "Reconstructor", inputs: Inputs, scene: "Scene", device: str, progress: "ProgressCallback | None"
+) -> tuple["Reconstruction", Inputs]:
+    """Result of a method that starts where transport ends, and the inputs with that start.
+
+    Ctrl-C before the method starts makes what transport found so far the result.
+    """
+    from warp_caustics.reconstruct.transport import transport_initial, with_initial
+
+    start = transport_initial(scene, inputs.caustic, device, progress)
+    inputs = replace(inputs, initial=start.heights_m)
+    if start.stop_reason == "interrupted":
+        return start, inputs
+    return with_initial(method.reconstruct(inputs.caustic, initial=start.heights_m, progress=progress), start), inputs
 
 
 def result_record(result: "Reconstruction", inputs: Inputs, config: "Config") -> dict[str, Any]:

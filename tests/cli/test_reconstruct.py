@@ -70,6 +70,51 @@ def test_refine_recovers_a_weak_relief(inputs, tmp_path):
     assert record["counters"]["energy"]["landed"] == pytest.approx([1, 1, 1])
 
 
+def test_start_from_transport_is_on_record(inputs, tmp_path, capsys):
+    """--initial transport: the record names the method of the start, its error, and what it had to say."""
+    options = "--initial", "transport", "--max-iterations", 2, "--reference", inputs / "heights.npy"
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", *options) == 0
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["method"] == "refine"
+    assert record["settings"]["initial"]["method"] == "transport"
+    assert record["settings"]["initial"]["counters"]["mass_error"] < 0.05
+    assert record["initial_errors"]["rmse_um"] < 0.2 * record["errors"]["reference_rms_um"]
+    assert set(record["inputs"]) == {"image", "reference"}
+    captured = capsys.readouterr()
+    assert "start      RMSE" in captured.out
+    assert "transport" in captured.err
+
+
+def test_ctrl_c_during_the_start_writes_the_start(inputs, tmp_path, monkeypatch):
+    """Interrupted before refine began: what transport had found is the result."""
+    from warp_caustics.reconstruct import transport_map
+
+    pushed = []
+
+    def push_forward(*args):
+        pushed.append(args)
+        if len(pushed) == 3:
+            raise KeyboardInterrupt
+        return original(*args)
+
+    original = transport_map.push_forward
+    monkeypatch.setattr(transport_map, "push_forward", push_forward)
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", "--initial", "transport") == 130
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["method"] == "transport" and record["stop_reason"] == "interrupted"
+    assert (tmp_path / "out" / "height.npy").exists()
+
+
+@pytest.mark.parametrize("method", ["transport", "hcccd"])
+def test_transport_methods(inputs, tmp_path, method):
+    options = "--method", method, "--max-time", 60, "--max-iterations", 8, "--reference", inputs / "heights.npy"
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", *options) == 0
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["method"] == method
+    assert record["errors"]["rmse_mean_removed_um"] < 0.5 * record["errors"]["reference_rms_um"]
+    assert ("base_drift_m" in record["counters"]) == (method == "hcccd")
+
+
 def test_max_time_stops_refine(inputs, tmp_path):
     assert reconstruct(inputs / "image.tif", tmp_path / "out", "--max-time", 0.1) == 0
     record = json.loads((tmp_path / "out" / "result.json").read_text())

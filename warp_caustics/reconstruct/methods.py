@@ -8,7 +8,11 @@ import torch
 
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import Reconstructor
+from warp_caustics.reconstruct.hcccd import Hcccd, HcccdOptions
 from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.reconstruct.sfc import Sfc
+from warp_caustics.reconstruct.sfc_options import SfcOptions
+from warp_caustics.reconstruct.transport import Transport, TransportOptions
 from warp_caustics.scene import Scene, validation_lines
 
 
@@ -16,7 +20,24 @@ def _refine(scene: Scene, options: Mapping[str, Any], device: str | torch.device
     return Refine(scene, RefineOptions(**options), device)
 
 
-METHODS: dict[str, Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]] = {"refine": _refine}
+def _sfc(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Sfc(scene, SfcOptions(**options), device)
+
+
+def _transport(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Transport(scene, TransportOptions(**options), device)
+
+
+def _hcccd(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Hcccd(scene, HcccdOptions(**options), device)
+
+
+METHODS: dict[str, Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]] = {
+    "refine": _refine,
+    "sfc": _sfc,
+    "transport": _transport,
+    "hcccd": _hcccd,
+}
 
 
 def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **options: Any) -> Reconstructor:
