@@ -126,12 +126,12 @@ def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
     heights = torch.from_numpy(heights_of("f_lines")[None]).float().to(device)
     coefficients = engine.coefficients(heights)
     chunk = Chunk(0, simulator.n_photons, 0, engine.plan.rows)
-    image = torch.zeros(1, 3, 512, 512, device=device)
-    weights = torch.randn_like(image)
+    image = torch.zeros(fused.image_shape(1), device=device)
+    weights = torch.randn(1, 3, 512, 512, device=device)
     grad_maps = fused.splat_adjoint(coefficients, chunk, weights)
     calls: dict[str, Callable[[], object]] = {
         "spline coefficients": lambda: engine.coefficients(heights),
-        "photons to pixels": lambda: fused.splat(coefficients, chunk, image),
+        "photons to pixels": lambda: (fused.splat(coefficients, chunk, image), fused.unpacked(image)),
         "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, chunk, weights),
         "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, grad_maps),
     }

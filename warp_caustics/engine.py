@@ -354,24 +354,26 @@ class Engine:
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
         m = self.scene.image_pixels
-        shape = heights.shape[0], self.scene.n_wavelengths, m, m
+        batch, fused = heights.shape[0], self.fused
         coefficients = self.coefficients(heights)
 
         def add(image: torch.Tensor, chunk: Chunk) -> None:
-            if self.fused:
-                self.fused.splat(coefficients, chunk, image)
+            if fused:
+                fused.splat(coefficients, chunk, image)
                 return
             positions = self.positions(chunk)
             self.splat(self.records(self.maps(coefficients, chunk, positions), positions), image)
 
-        return self._sum(shape, add)
+        if fused:
+            return fused.unpacked(self._sum(fused.image_shape(batch), add))
+        return self._sum((batch, self.scene.n_wavelengths, m, m), add)
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        coefficients = self.coefficients(heights)
+        coefficients, fused = self.coefficients(heights), self.fused
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
-            if self.fused:
-                grad_maps = self.fused.splat_adjoint(coefficients, chunk, grad_image)
+            if fused:
+                grad_maps = fused.splat_adjoint(coefficients, chunk, grad_image)
             else:
                 positions = self.positions(chunk)
                 maps = self.maps(coefficients, chunk, positions)

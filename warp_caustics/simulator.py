@@ -1,5 +1,6 @@
 """The caustic simulator: heights in, irradiance out, differentiable."""
 
+import math
 import numbers
 from typing import Any, Literal, get_args
 
@@ -14,6 +15,9 @@ from warp_caustics.presets import PRESETS, Preset
 from warp_caustics.scene import Placement, Profile, Scene
 
 MAX_SMOOTHING = 1e4
+
+IMAGES_AT_ONCE = 4
+"""Images that a call with its gradient holds in memory, about."""
 
 
 class _Simulate(torch.autograd.Function):
@@ -128,10 +132,11 @@ class CausticSimulator:
         """What a batch needs and what would fit: photons come in chunks, so images decide."""
         per_image = self.scene.n_wavelengths * self.scene.image_pixels**2 * self.dtype.itemsize
         free, total = torch.cuda.mem_get_info(self.device)
-        # The image, its gradient and a copy; a chunk of photons besides.
-        fits = max(1, int((free - CHUNK_BYTES["cuda"]) / (3 * per_image)))
+        # The image, its gradient and a packed copy (four channels); a chunk of photons besides.
+        fits = max(1, int((free - CHUNK_BYTES["cuda"]) / (IMAGES_AT_ONCE * per_image)))
+        needs = IMAGES_AT_ONCE * batch * per_image
         return (
-            f"a batch of {batch} height fields needs about {3 * batch * per_image / 2**30:.1f} GiB for images, "
+            f"a batch of {batch} height fields needs about {needs / 2**30:.1f} GiB for images, "
             f"{self.device} has {free / 2**30:.1f} of {total / 2**30:.1f} GiB free; use batches of at most {fits}"
         )
 
@@ -161,11 +166,11 @@ class CausticSimulator:
             raise InputError(f"heights are {heights.dtype}, the simulator {self.dtype}; convert with .to({self.dtype})")
         if heights.device.type != self.device.type:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
-        finite = torch.isfinite(heights)
-        if not bool(finite.all()):
-            where = (~finite).nonzero()[0].tolist()
+        # A GPU is waited for once; a height that is not a number is both the lowest and the highest.
+        lowest, highest = torch.stack(torch.aminmax(heights.detach())).tolist()
+        if not (math.isfinite(lowest) and math.isfinite(highest)):
+            where = (~torch.isfinite(heights)).nonzero()[0].tolist()
             raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")
-        lowest = float(heights.detach().min())
         if lowest <= -self.scene.base_thickness_m:
             raise InputError(
                 f"height {lowest:g} m cuts through the plate of {self.scene.base_thickness_m:g} m; "

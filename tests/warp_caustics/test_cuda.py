@@ -124,3 +124,24 @@ def test_too_large_a_batch_says_what_fits():
     simulator = CausticSimulator(Scene(height_samples=8, image_pixels=8192), n_photons=64, device="cuda")
     with pytest.raises(ResourceError, match="use batches of at most"):
         simulator(torch.zeros(300, 8, 8, device="cuda"))
+
+
+@pytest.mark.parametrize("preset", ["lattice", "paper"])
+def test_channels_together_change_nothing(monkeypatch, preset):
+    """Packed images give what channel by channel gives, to float32's rounding."""
+    import warp_caustics.fused as fused
+
+    scene = Scene(height_samples=16, image_pixels=256, screen_position_m=(0, 0, -0.05))
+    heights = torch.nn.functional.interpolate(bumpy()[None, None] * 5, (16, 16), mode="bicubic")[0].float().cuda()
+    results = []
+    for arch in (90, 10_000):
+        monkeypatch.setattr(fused, "PACKED_ARCH", arch)
+        simulator = CausticSimulator(scene, preset, n_photons=300**2, device="cuda")
+        leaf = heights.repeat(3, 1, 1).requires_grad_()
+        image = simulator(leaf)
+        image.square().sum().backward()
+        results.append((image.detach(), leaf.grad))
+        is_new = torch.cuda.get_device_capability()[0] >= 9
+        assert simulator.engine.fused.packs == (arch == 90 and is_new)
+    for found, expected in zip(*results, strict=True):
+        assert float((found - expected).norm()) <= 1e-5 * float(expected.norm())

@@ -6,16 +6,29 @@ import torch
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
 from warp_caustics.kernels.fused_splat import fused_splat_kernels
+from warp_caustics.oracle import oracle_image
 
 SCENE = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 
 
-def image_and_gradient(lanes=1, defers=False, wide_pixels=None, profile="spline", placement="lattice"):
+def image_and_gradient(
+    lanes=1,
+    defers=False,
+    wide_pixels=None,
+    profile="spline",
+    placement="lattice",
+    packed=False,
+    scene=SCENE,
+    slots=None,
+):
     """Simulate a batch of two with the fused kernels in the given variant."""
     simulator = CausticSimulator(
-        SCENE, n_photons=900, smoothing=2.5, dtype=torch.float64, profile=profile, placement=placement
+        scene, n_photons=900, smoothing=2.5, dtype=torch.float64, profile=profile, placement=placement
     )
     engine, fused = simulator.engine, simulator.engine.fused
+    fused.packs = packed
+    if slots is not None:
+        fused.max_blocks = slots
     variant = engine.warp_dtype, profile, lanes, placement == "lattice", defers
     fused.lanes = fused.adjoint_lanes = lanes
     fused.defers = defers
@@ -24,7 +37,7 @@ def image_and_gradient(lanes=1, defers=False, wide_pixels=None, profile="spline"
         engine.optics.wide_pixels = wide_pixels
     generator = torch.Generator().manual_seed(0)
     heights = 2e-4 * torch.randn(2, 10, 10, generator=generator, dtype=torch.float64).abs()
-    weights = torch.randn(2, 3, 20, 20, generator=generator, dtype=torch.float64)
+    weights = torch.randn(2, scene.n_wavelengths, 20, 20, generator=generator, dtype=torch.float64)
     leaf = heights.requires_grad_()
     image = simulator(leaf)
     (image * weights).sum().backward()
@@ -56,3 +69,85 @@ def test_nothing_is_deferred_unless_asked_for():
     lost, _ = image_and_gradient(wide_pixels=0.0)
     kept, _ = image_and_gradient()
     assert torch.equal(lost, kept)
+
+
+def with_wavelengths(count, **changes):
+    fields = {"wavelengths_m": (610e-9, 530e-9, 430e-9, 700e-9)[:count], "radiosity_W_m2": (1.0, 0.0, 2.0, 0.5)[:count]}
+    return SCENE.model_copy(update=fields | changes)
+
+
+PACKED_SCENES = {
+    "three channels": (SCENE, None),
+    "all in blocks": (SCENE, 0.0),
+    "some in blocks": (SCENE, 6.0),
+    "two channels, one dark": (with_wavelengths(2), 6.0),
+    "four channels, one dark": (with_wavelengths(4), 6.0),
+}
+
+
+@pytest.mark.parametrize("profile", ["spline", "gaussian"])
+@pytest.mark.parametrize("case", PACKED_SCENES)
+def test_channels_together_change_nothing(case, profile):
+    """Packed images give what channel by channel gives, in value and gradient."""
+    scene, wide_pixels = PACKED_SCENES[case]
+    placement = "lattice" if profile == "spline" else "random"
+    arguments = {"scene": scene, "profile": profile, "placement": placement}
+    expected = image_and_gradient(**arguments)
+    found = image_and_gradient(**arguments, wide_pixels=wide_pixels, packed=True)
+    for a, b in zip(found, expected, strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
+
+
+@pytest.mark.parametrize("wide_pixels", [1e9, 30.0, 0.0])
+def test_channels_far_apart_are_done_one_by_one(wide_pixels):
+    """Behind a prism and a long way the colours are six pixels apart, footprints are one pixel wide."""
+    scene = Scene(height_samples=10, image_pixels=400, screen_position_m=(-0.041, 0.0, -0.3))
+    generator = torch.Generator().manual_seed(0)
+    wedge = 0.3 * torch.linspace(0, 0.045, 10, dtype=torch.float64)
+    heights = wedge + 2e-5 * torch.randn(1, 10, 10, generator=generator, dtype=torch.float64)
+    weights = torch.randn(1, 3, 400, 400, generator=generator, dtype=torch.float64)
+    results = []
+    for packs in (False, True):
+        simulator = CausticSimulator(scene, n_photons=400, smoothing=0.3, dtype=torch.float64)
+        engine = simulator.engine
+        engine.fused.packs = packs
+        engine.optics.wide_pixels = wide_pixels
+        leaf = heights.clone().requires_grad_()
+        image = simulator(leaf)
+        (image * weights).sum().backward()
+        results.append((image.detach(), leaf.grad))
+    chunk, positions = next(iter(engine.chunks(1)))
+    records = engine.records(engine.maps(engine.coefficients(heights), chunk, positions), positions)
+    columns, sigmas = records[0, :, 0], records[0, :, 2].sqrt()
+    assert float((columns.amax(0) - columns.amin(0) > 3 * sigmas.amax(0) + 2).double().mean()) > 0.5
+    for expected, found in zip(*results, strict=True):
+        assert float(expected.abs().max()) > 0
+        torch.testing.assert_close(found, expected, rtol=0, atol=1e-12 * float(expected.abs().max()))
+
+
+@pytest.mark.parametrize("slots", [0, 7, 1000])
+def test_a_full_list_of_blocks_loses_nothing(slots):
+    """Wide footprints that find no room on the list are done at once."""
+    expected = image_and_gradient()
+    found = image_and_gradient(wide_pixels=0.0, packed=True, slots=slots)
+    for a, b in zip(found, expected, strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
+
+
+def test_packed_image_and_gradient_match_the_oracle():
+    """float64 to 1e-10 of the largest value, several blocks of rows per footprint included."""
+    scene = SCENE.model_copy(update={"image_pixels": 80})
+    simulator = CausticSimulator(scene, n_photons=400, smoothing=6.0, dtype=torch.float64)
+    fused = simulator.engine.fused
+    fused.packs = True
+    simulator.engine.optics.wide_pixels = 30.0
+    generator = torch.Generator().manual_seed(0)
+    heights = 2e-4 * torch.randn(10, 10, generator=generator, dtype=torch.float64).abs()
+    weights = torch.randn(3, 80, 80, generator=generator, dtype=torch.float64)
+    leaves = heights.clone().requires_grad_(), heights.clone().requires_grad_()
+    positions = torch.cat([p for _, p in simulator.engine.chunks(1)])
+    images = simulator(leaves[0]), oracle_image(leaves[1], scene, positions, 6.0, "spline")
+    for image in images:
+        (image * weights).sum().backward()
+    for found, expected in ([image.detach() for image in images], [leaf.grad for leaf in leaves]):
+        assert float((found - expected).abs().max()) <= 1e-10 * float(expected.abs().max())

@@ -1,7 +1,8 @@
 """Warp kernels, one stage per file: photons -> surface -> trace -> splat.
 
 For collimated light ``fused_splat`` and ``fused_adjoint`` do surface, trace and
-splat of a photon at once; the separate stages serve point lights and tapes.
+splat of a photon at once, and the ``packed`` files all its wavelengths on GPUs;
+the separate stages serve point lights and tapes.
 
 Kernels know nothing of torch. Each file has a memoised factory, because Warp
 never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same

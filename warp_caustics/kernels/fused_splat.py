@@ -11,9 +11,9 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
-from warp_caustics.kernels.splat import BOX_VARIANCE, PROFILE_FACTORIES, window_functions
+from warp_caustics.kernels.splat import PROFILE_FACTORIES, cpu_row_functions, window_functions
 from warp_caustics.kernels.surface import surface_functions
-from warp_caustics.kernels.trace import GRAZING, optics_struct
+from warp_caustics.kernels.trace import optics_struct
 
 
 @cache
@@ -30,16 +30,17 @@ def fused_splat_kernels(dtype: Any, profile: str, lanes: int, is_lattice: bool, 
     cumulative, _ = PROFILE_FACTORIES[profile](dtype)
     surface_at = surface_functions(dtype).surface_at
     functions = collimated_functions(dtype, profile, is_lattice)
-    inside_slope, exit_slope = functions.inside_slope, functions.exit_slope
+    refraction, footprint = functions.refraction, functions.footprint
+    place, defer = functions.place, functions.defer
     first_pixel, last_pixel = window_functions(dtype, profile)
-    footprint_sigma, place, defer = functions.footprint_sigma, functions.place, functions.defer
     Optics = optics_struct(dtype)
     half = wp.constant(dtype(0.5))
     one = wp.constant(dtype(1.0))
-    two = wp.constant(dtype(2.0))
-    box = wp.constant(dtype(BOX_VARIANCE))
-    grazing = wp.constant(dtype(GRAZING))
+    zero = wp.constant(dtype(0.0))
     one_lane = lanes == 1
+    # GPU variants have several lanes or leave wide footprints to those that have.
+    on_cpu = profile == "spline" and one_lane and not defers
+    add_row, _ = cpu_row_functions(dtype)
 
     @no_type_check
     @wp.func
@@ -67,39 +68,16 @@ def fused_splat_kernels(dtype: Any, profile: str, lanes: int, is_lattice: bool, 
         """Add the footprints of photon p in some channels; wide ones are put off if asked for."""
         x, y = place(positions, p, columns)
         maps = surface_at(coefficients, b, x, y, samples_per_m_x, samples_per_m_y, n)
-        h_x = maps[1]
-        h_y = maps[2]
-        m = one + h_x * h_x + h_y * h_y
-        thickness = optics.base + maps[0]
-        v_x = h_x * maps[3] + h_y * maps[4]
-        v_y = h_x * maps[4] + h_y * maps[5]
-        scale_x = footprint_sigma(x, optics.half_x, optics)
-        scale_y = footprint_sigma(y, optics.half_y, optics)
         for c in range(first_channel, end_channel):
-            k, k1 = inside_slope(m, eta[c])
-            e, e1, e2, q = exit_slope(m, eta[c], ratio[c])
-            if q > grazing:
-                shift = thickness * k + optics.gap * e
-                shift1 = two * (thickness * k1 + optics.gap * e1)
-                w_x = k * h_x + shift1 * v_x
-                w_y = k * h_y + shift1 * v_y
-                j_xx = (one + shift * maps[3] + h_x * w_x) * scale_x * optics.pixels_per_m_x
-                j_xy = (shift * maps[4] + h_x * w_y) * scale_y * optics.pixels_per_m_x
-                j_yx = (shift * maps[4] + h_y * w_x) * scale_x * optics.pixels_per_m_y
-                j_yy = (one + shift * maps[5] + h_y * w_y) * scale_y * optics.pixels_per_m_y
-                var_x = j_xx * j_xx + j_xy * j_xy
-                cov = j_xx * j_yx + j_xy * j_yy
-                var_y = j_yx * j_yx + j_yy * j_yy
-                shrink = wp.min(one, optics.max_var / wp.max(var_x + var_y, optics.min_var))
-                var_x = shrink * var_x + optics.min_var
-                cov = shrink * cov
-                var_y = shrink * var_y + optics.min_var
-                column = (x + shift * h_x - optics.window_x) * optics.pixels_per_m_x
-                row = (y + shift * h_y - optics.window_y) * optics.pixels_per_m_y
-                amplitude = optics.area * radiosity[c]
-                beta = cov / (var_y + box)
-                sigma_y = wp.sqrt(var_y)
-                sigma_x = wp.sqrt(var_x - beta * cov)
+            slopes = refraction(maps, eta[c], ratio[c])
+            f = footprint(x, y, maps, slopes, radiosity[c], optics)
+            if f[5] != zero:
+                column = f[0]
+                row = f[1]
+                sigma_x = f[2]
+                sigma_y = f[3]
+                beta = f[4]
+                amplitude = f[5]
                 inv_x = one / sigma_x
                 inv_y = one / sigma_y
                 here = True
@@ -117,7 +95,9 @@ def fused_splat_kernels(dtype: Any, profile: str, lanes: int, is_lattice: bool, 
                         centre = column + beta * (dtype(i) + half - row)
                         first_column = first_pixel(centre, sigma_x)
                         last_column = last_pixel(centre, sigma_x, image.shape[3])
-                        if wp.static(one_lane):
+                        if wp.static(on_cpu):
+                            add_row(image, b, c, i, first_column, last_column, centre, inv_x, share)
+                        elif wp.static(one_lane):
                             left = cumulative((dtype(first_column) - centre) * inv_x)
                             for j in range(first_column, last_column + 1):
                                 right = cumulative((dtype(j + 1) - centre) * inv_x)

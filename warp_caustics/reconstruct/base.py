@@ -68,6 +68,9 @@ class Reconstruction:
         counters: what happened to the light (energy budget) and how often what ran.
         settings: everything needed to repeat the run.
         warnings: what the user should know.
+        uncertainty_m: standard uncertainty of the heights [m], shape [n, n]; None where a method has none.
+        iterates_m: relief before the first and after every iteration [m], shape [K + 1, n, n]; None where
+            they were not kept.
     """
 
     method: str
@@ -80,6 +83,8 @@ class Reconstruction:
     counters: dict[str, Any] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    uncertainty_m: FloatArray | None = None
+    iterates_m: FloatArray | None = None
 
 
 class Reconstructor(ABC):
