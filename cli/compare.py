@@ -1,0 +1,219 @@
+"""``nsfc compare``: every method on the same images, scored against the truth."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from cli.console import Console
+from cli.options import config_options, device_option, integer, json_option, number, start_device
+
+if TYPE_CHECKING:
+    from cli.comparison.cells import Cell
+    from cli.comparison.fields import Source
+    from warp_caustics.scene import Scene
+
+OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.html")
+"""All that a folder of comparisons holds."""
+
+EXIT_BUG, EXIT_INTERRUPTED = 1, 130
+
+
+@click.command()
+@click.argument("fields", type=click.Path(), nargs=-1, metavar="[HEIGHTS|HEIGHTS:IMAGE]...")
+@click.option("--testset", is_flag=True, help="Compare on the ten test fields.")
+@click.option("--fields", "count", type=integer, metavar="N", help="With --testset: the first N fields only.")
+@click.option(
+    "--methods",
+    multiple=True,
+    required=True,
+    metavar="A,B,...",
+    help="flat, refine, sfc, transport, hcccd, direct, nsfc, ...; sfc:mask=oracle sets, transport+refine chains.",
+)
+@click.option("-o", "--output", type=click.Path(), required=True, help="Folder; one of an earlier run is continued.")
+@click.option(
+    "--iterations",
+    default="1,5,10,converged",
+    show_default=True,
+    metavar="N,...,converged",
+    help="Where methods that iterate are stopped and looked at.",
+)
+@click.option("--noise", type=number, default=0.01, show_default=True, help="Noise of simulated images, of flat light.")
+@click.option("--n-photons", type=integer, help="Light paths of simulated images, per wavelength. [default: 16000000]")
+@click.option("--jobs", type=integer, default=1, show_default=True, help="Processes; times are longer with several.")
+@click.option("--force", is_flag=True, help="Compute all cells anew.")
+@device_option
+@config_options
+@json_option
+def compare(
+    fields: tuple[str, ...],
+    testset: bool,
+    count: int | None,
+    methods: tuple[str, ...],
+    output: str,
+    iterations: str,
+    noise: float,
+    n_photons: int | None,
+    jobs: int,
+    force: bool,
+    device: str,
+    config_source: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Compare methods on height maps FIELDS, and show tables and pictures in index.html.
+
+    HEIGHTS alone is simulated; HEIGHTS:IMAGE has an image already. The same command continues after any
+    interruption; what is finished is not computed again.
+    """
+    from cli.comparison.specs import parse_budgets, parse_methods
+    from cli.config import load_config
+
+    specs, budgets = parse_methods(methods), parse_budgets(iterations)
+    config = load_config(config_source, settings)
+    scene = config.scene
+    photons = _photons(n_photons)
+    _check_noise(noise)
+    console = Console(as_json)
+    folder = _checked_folder(output)
+
+    device = start_device(device)
+    from cli.comparison.fields import prepare
+    from cli.comparison.run import check_methods
+
+    sources = _sources(fields, testset, count, scene, device)
+    for problem in check_methods(specs, scene, device):
+        console.warn(problem)
+    for part in (folder, folder / "cells", folder / "images"):
+        part.mkdir(exist_ok=True)
+    prepared = prepare(sources, scene, photons, noise, folder / "images", device)
+    for field in prepared:
+        for warning in field.warnings:
+            console.warn(f"{field.name}: {warning}")
+
+    from cli.comparison.cells import CellStore
+    from cli.comparison.schedule import Setup, run_cells
+
+    store = CellStore(folder / "cells")
+    setup = Setup({field.name: field for field in prepared}, scene, photons, device, store)
+    cells = setup.cells(specs, budgets)
+    if jobs > 1:
+        console.warn(f"{jobs} jobs share this machine, so times are longer than those of one")
+    progress = _Progress(console, len(cells))
+    try:
+        records = run_cells(setup, cells, jobs=jobs, force=force, report=progress)
+    except KeyboardInterrupt:
+        click.echo(
+            f"interrupted; {progress.done} cells were computed and are kept, the same command continues", err=True
+        )
+        return EXIT_INTERRUPTED
+
+    from cli.comparison.about import about_comparison
+    from cli.comparison.page import write_page
+    from cli.comparison.table import summary, table_rows, write_tables
+
+    rows = table_rows(records, setup.fields)
+    about = about_comparison(setup, specs, budgets, noise)
+    write_tables(folder, rows, about)
+    write_page(folder / "index.html", setup, records, rows, about)
+
+    for row in summary(rows):
+        console.line(_line(row))
+    failed = [record for record in records if record["status"] == "failed"]
+    console.line(
+        f"result     {output}: {len(records)} cells, {progress.done} computed now; see {Path(output) / 'index.html'}"
+    )
+    console.record(
+        {"output": output, "cells": len(records), "computed": progress.done, "failed": len(failed), "rows": rows}
+    )
+    if failed:
+        console.warn(f"{len(failed)} of {len(records)} cells failed: {_reasons(failed)}")
+    return _worst_code(failed) if len(failed) == len(records) else 0
+
+
+class _Progress:
+    """A line for every cell computed."""
+
+    def __init__(self, console: Console, total: int):
+        self.console, self.total, self.done = console, total, 0
+
+    def __call__(self, cell: "Cell", record: Mapping[str, Any]) -> None:
+        self.done += 1
+        if record["status"] == "failed":
+            self.console.warn(f"{cell.title}: failed, {record['reason']}")
+        elif not self.console.as_json:
+            scores = record["scores"]
+            click.echo(
+                f"[{self.done}] {cell.title}: RMSE {scores['rmse_um']:.4g} um, {record['time_s']:.3g} s", err=True
+            )
+
+
+def _photons(count: int | None) -> Any:
+    from data_gen.dataset_config import PhotonConfig
+    from data_gen.testset import TEST_PHOTONS
+
+    wished = {} if count is None else {"n_photons": count}
+    return PhotonConfig(**{**TEST_PHOTONS.model_dump(), **wished})
+
+
+def _check_noise(noise: float) -> None:
+    from warp_caustics.errors import InputError
+
+    if not 0 <= noise <= 1:
+        raise InputError(
+            f"noise {noise:g} is not between 0 and 1, parts of the light through a flat plate; 0.01 is 1 %"
+        )
+
+
+def _checked_folder(output: str) -> Path:
+    """The folder to write to: new, empty, or of an earlier comparison."""
+    from warp_caustics.errors import InputError
+
+    path = Path(output)
+    if path.is_dir():
+        foreign = sorted(entry.name for entry in path.iterdir() if entry.name not in OUTPUTS)
+        if foreign:
+            raise InputError(
+                f"output {output!r} holds other files ({', '.join(foreign)[:80]}); name a new folder, or an earlier one"
+            )
+    elif path.exists():
+        raise InputError(f"output {output!r} is a file; name a folder")
+    elif not path.absolute().parent.is_dir():
+        raise InputError(f"folder {str(path.parent)!r} does not exist; create it first")
+    return path
+
+
+def _sources(fields: tuple[str, ...], testset: bool, count: int | None, scene: "Scene", device: str) -> "list[Source]":
+    from cli.comparison.fields import file_sources, testset_sources
+    from warp_caustics.errors import InputError
+
+    if testset == bool(fields):
+        raise InputError("give either height maps or --testset")
+    if count is not None and not testset:
+        raise InputError("--fields counts test fields; add --testset, or leave it out")
+    return testset_sources(scene, device, count) if testset else file_sources(fields, scene)
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    name = f"{row['method']}, {row['budget']}"
+    if row["rmse_um_median"] is None:
+        return f"{name:<40}  failed"
+    return (
+        f"{name:<40}  RMSE median {row['rmse_um_median']:8.4g} um, mean {row['rmse_um_mean']:8.4g} um, "
+        f"{row['time_s_median']:6.3g} s, {row['done']} of {row['fields']} fields"
+    )
+
+
+def _reasons(failed: list[dict[str, Any]]) -> str:
+    """One reason per method, the first."""
+    first: dict[str, str] = {}
+    for record in failed:
+        first.setdefault(record["method"], record["reason"])
+    return "; ".join(f"{method}: {reason}" for method, reason in first.items())
+
+
+def _worst_code(failed: list[dict[str, Any]]) -> int:
+    """A bug is worse than anything a person can mend; else the highest code."""
+    codes = {int(record["exit_code"]) for record in failed}
+    return EXIT_BUG if EXIT_BUG in codes else max(codes)

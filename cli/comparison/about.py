@@ -1,0 +1,42 @@
+"""What was compared, and with what: enough to repeat it."""
+
+import os
+import platform
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from cli.comparison.code import code_version
+from cli.comparison.glass import FAR_SCREEN_M
+from cli.comparison.schedule import Setup
+from cli.comparison.specs import MethodSpec
+from cli.env import versions
+
+
+def about_comparison(setup: Setup, specs: Sequence[MethodSpec], budgets: Sequence[str], noise: float) -> dict[str, Any]:
+    """Everything but the results."""
+    return {
+        "methods": [spec.label for spec in specs],
+        "iterations": list(budgets),
+        "fields": [
+            {"name": field.name, "fold_fraction": field.folds, "image": field.origin, "warnings": field.warnings}
+            for field in setup.fields.values()
+        ],
+        "noise": noise,
+        "photons": setup.photons.model_dump(),
+        "scene": setup.scene.model_dump(mode="json"),
+        "picture_screen_m": FAR_SCREEN_M,
+        "device": _device_name(setup.device),
+        "versions": versions(),
+        "code": code_version(),
+        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+    }
+
+
+def _device_name(device: str) -> str:
+    """What times were measured on."""
+    if torch.device(device).type == "cuda":
+        return torch.cuda.get_device_name(device)
+    return f"{platform.machine()}, {len(os.sched_getaffinity(0))} cores"

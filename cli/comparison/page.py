@@ -1,0 +1,95 @@
+"""The page of a comparison: one file that opens anywhere, without a network."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from cli.comparison.curves import fold_scatter, iteration_curves
+from cli.comparison.figures import MAX_COLUMNS, Sheets
+from cli.comparison.schedule import Setup
+from cli.comparison.specs import CONVERGED, ONCE
+from cli.comparison.table import MEASURES, Row, by_field, summary, summary_by_folds
+from warp_caustics.io.atomic import atomic_path
+
+TEMPLATE = "page.html.j2"
+
+
+def write_page(
+    path: Path, setup: Setup, records: Sequence[Mapping[str, Any]], rows: Sequence[Row], about: Mapping[str, Any]
+) -> None:
+    """Write the page.
+
+    Args:
+        path: of the page.
+        setup: gives fields, scene, and the store of recovered reliefs.
+        records: the cells.
+        rows: the same as flat rows.
+        about: what was compared.
+    """
+    source = resources.files("cli.comparison").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.lstrip_blocks = True
+    environment.filters["figure"] = lambda value: "" if value is None else f"{value:.4g}"
+    environment.filters["column"] = column_name
+    budgets = list(about["iterations"])
+    sheets = Sheets(list(setup.fields.values()), setup.scene, setup.device)
+    text = environment.from_string(source).render(
+        about=about,
+        measures=MEASURES,
+        fields=list(setup.fields),
+        summary=summary(rows),
+        by_folds=summary_by_folds(rows),
+        by_field=by_field(rows),
+        rows=rows,
+        failures=[row for row in rows if row["status"] == "failed"],
+        warnings=_warnings(rows),
+        truth=_inline(sheets.truth()),
+        curves=_inline(iteration_curves(rows, budgets)),
+        scatter=_inline(fold_scatter(rows, budgets)),
+        sheets=[
+            {"method": method, "budget": budget, "picture": _inline(_sheet(sheets, setup, records, method, budget))}
+            for method, budget in shown_cells(rows, budgets)
+        ],
+        limit_um=sheets.limit_um,
+        max_columns=MAX_COLUMNS,
+    )
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def shown_cells(rows: Sequence[Row], budgets: Sequence[str]) -> list[tuple[str, str]]:
+    """Method and budget of every sheet: the first column, the last that counts, and the method's own stop."""
+    counted = [budget for budget in budgets if budget != CONVERGED]
+    wanted = {ONCE, *counted[:1], *counted[-1:], *(budget for budget in budgets if budget == CONVERGED)}
+    pairs = dict.fromkeys((row["method"], row["budget"]) for row in rows)
+    return [(method, budget) for method, budget in pairs if budget in wanted]
+
+
+def column_name(budget: str) -> str:
+    """A budget in words."""
+    words = {CONVERGED: "own stop", ONCE: "-", "1": "1 iteration"}
+    return words.get(budget, f"{budget} iterations")
+
+
+def _sheet(sheets: Sheets, setup: Setup, records: Sequence[Mapping[str, Any]], method: str, budget: str) -> bytes:
+    mine = [record for record in records if (record["method"], record["budget"]) == (method, budget)]
+    done = {record["field"]: record for record in mine if record["status"] == "done"}
+    heights = {name: setup.store.heights(record["key"]) for name, record in done.items()}
+    return sheets.found(heights, {name: record["scores"]["rmse_um"] for name, record in done.items()})
+
+
+def _warnings(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Every warning of a method once, with the fields it was given for."""
+    found: dict[tuple[str, str], dict[str, None]] = {}
+    for row in rows:
+        for warning in row["warnings"] or ():
+            found.setdefault((row["method"], warning), {})[row["field"]] = None
+    return [{"method": method, "text": text, "fields": list(names)} for (method, text), names in found.items()]
+
+
+def _inline(picture: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")
