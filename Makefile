@@ -23,7 +23,7 @@ $(STAMP): pyproject.toml $(CONSTRAINTS)
 demo: $(STAMP) ## reconstruct the example capture into demo_output/
 	$(BIN)/nsfc reconstruct examples/data/capture.tif \
 		--dark examples/data/dark.tif --flat examples/data/flat.tif \
-		--initial examples/data/design.npy --reference examples/data/true_heights.npy \
+		--reference examples/data/true_heights.npy \
 		--config examples/demo.yaml -o demo_output --force
 
 test: lint types pytest ## lint, types and tests

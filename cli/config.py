@@ -58,7 +58,7 @@ class SimulationConfig(_Strict):
 class ReconstructionConfig(_Strict):
     """Which method, with which options; the method checks its options itself."""
 
-    method: str = "refine"
+    method: str = "auto"
     options: dict[str, Any] = {}
 
 

@@ -25,8 +25,10 @@ EXIT_BUG, EXIT_USAGE, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 130, 143
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
+    "compare": "cli.compare:compare",
     "simulate": "cli.simulate:simulate",
     "train": "cli.train:train",
+    "search": "cli.search:search",
     "weights": "cli.weights:weights",
     "data": "cli.data:data",
     "config": "cli.config_cmd:config",
@@ -84,7 +86,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except Terminated:
         return _report("terminated", EXIT_TERMINATED)
     except Exception as error:
-        message, code = _explained(error)
+        message, code = explained(error)
         return _report(message, code)
 
 
@@ -107,7 +109,7 @@ def _report(message: str, code: int) -> int:
     return code
 
 
-def _explained(error: Exception) -> tuple[str, int]:
+def explained(error: Exception) -> tuple[str, int]:
     """Message and exit code for an error that a command let through."""
     pydantic = sys.modules.get("pydantic")
     if isinstance(error, CausticsError):

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from warp_caustics.io.atomic import PathLike, atomic_path
@@ -63,6 +64,19 @@ def overview_figure(
     difference = _show(panels[1, 1], scene, residual, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
     figure.colorbar(difference, ax=panels[1, 1], label="W/m$^2$", extend="both", shrink=0.82)
     figure.suptitle(caption)
+    return figure
+
+
+def uncertainty_figure(scene: Scene, uncertainty_m: FloatArray) -> Figure:
+    """One panel: standard uncertainty of the heights [m], shape [n, n], on a logarithmic scale."""
+    figure = Figure(figsize=(6.4, 5.4), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    shown = uncertainty_m * 1e6
+    high = max(float(shown.max()), 1e-2)
+    norm = LogNorm(vmin=high * 1e-3, vmax=high, clip=True)
+    picture = _show(axes, scene, shown, "standard uncertainty of the heights", cmap="magma", norm=norm)
+    figure.colorbar(picture, ax=axes, label="um", extend="min")
     return figure
 
 

@@ -1,6 +1,5 @@
 """``nsfc reconstruct``: from one caustic image to the printed heights."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.console import Console, json_text
+from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number, start_device
 
 if TYPE_CHECKING:
@@ -30,11 +29,11 @@ TRANSPORT = "transport"
 
 
 @click.command()
-@click.argument("image", type=click.Path())
+@click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=click.Path())
 @click.option(
     "-o", "--output", type=click.Path(), required=True, help="Folder for the result; made complete or not at all."
 )
-@click.option("--method", help="How to reconstruct. [default: refine]")
+@click.option("--method", help="auto, direct, nsfc, nsfc-unrolled, refine, transport, hcccd or sfc. [default: auto]")
 @click.option("--dark", type=click.Path(), help="Frame of the same camera with the light off.")
 @click.option("--flat", type=click.Path(), help="Frame of the same camera with a plate without relief.")
 @click.option("--wavelength-order", metavar="NM,NM,...", help="Wavelength of each channel, e.g. 610,530,430.")
@@ -49,13 +48,13 @@ TRANSPORT = "transport"
 @click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
 @click.option("--max-iterations", type=integer, help="Iterations per stage, at most.")
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
-@click.option("--seed", type=integer, help="For methods that draw random numbers; refine draws none.")
+@click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
 @device_option
 @config_options
 @json_option
 def reconstruct(
-    image: str,
+    images: tuple[str, ...],
     output: str,
     method: str | None,
     dark: str | None,
@@ -77,13 +76,16 @@ def reconstruct(
 ) -> int:
     """Recover the height field behind IMAGE, one caustic (.tif, .png, .exr, .npy, .npz or .h5).
 
+    Of several images, a folder or a pattern, each result goes to OUTPUT/name-of-the-image as soon as it is done.
     Ctrl-C ends the iteration early; the best result so far is still written.
     """
+    from cli.batch import image_list, run_batch
     from cli.config import load_config
-    from cli.results import check_target, result_folder
+    from cli.results import check_target
 
     console = Console(as_json)
-    target = check_target(output, force)
+    found = image_list(images)
+    target = check_target(output, force) if isinstance(found, str) else None
     config = load_config(
         config_source,
         settings,
@@ -94,38 +96,106 @@ def reconstruct(
             "reconstruction.options.max_time_s": max_time,
         },
     )
-    from_transport = initial == TRANSPORT
-    start = None if from_transport else initial
-    files = {"image": image, "dark": dark, "flat": flat, "initial": start, "reference": reference}
-    inputs = read_inputs(
-        {kind: path for kind, path in files.items() if path is not None},
-        config.scene,
-        page=page,
-        dataset=dataset,
-        transfer=transfer,
-        wavelength_order=wavelength_order,
+    start = None if initial == TRANSPORT else initial
+    files = {"dark": dark, "flat": flat, "initial": start, "reference": reference}
+    job = Job(
+        config=config,
+        files={kind: path for kind, path in files.items() if path is not None},
+        reading={"page": page, "dataset": dataset, "transfer": transfer, "wavelength_order": wavelength_order},
+        from_transport=initial == TRANSPORT,
+        device=device,
+        force=force,
+        console=console,
     )
-    for warning in inputs.capture.warnings:
-        console.warn(warning)
-    device = start_device(device)
-    reconstructor = make_method(config, device)
-    with result_folder(target, force) as folder:
-        with console.progress() as progress:
-            if from_transport:
-                result, inputs = reconstruct_from_transport(reconstructor, inputs, config.scene, device, progress)
-            else:
-                result = reconstructor.reconstruct(inputs.caustic, initial=inputs.initial, progress=progress)
-        record = result_record(result, inputs, config)
-        write_results(folder, result, inputs, config, record)
-    for warning in result.warnings:
-        console.warn(warning)
-    for line in summary(output, result, record):
-        console.line(line)
-    console.record(record)
-    if result.stop_reason == "interrupted":
+    if target is None:
+        return run_batch(job, found, output)
+    assert isinstance(found, str)
+    outcome = job.run(found, target, output)
+    console.record(outcome.record)
+    if outcome.is_interrupted:
         click.echo(f"interrupted; the best result so far is in {output}", err=True)
         return EXIT_INTERRUPTED
     return 0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one image."""
+
+    result: "Reconstruction"
+    record: Mapping[str, Any]
+
+    @property
+    def is_interrupted(self) -> bool:
+        return self.result.stop_reason == "interrupted"
+
+
+@dataclass(eq=False)
+class Job:
+    """A reconstruction but for its image; the method is made once, with the first.
+
+    Attributes:
+        config: scene, method and options.
+        files: paths by role: dark, flat, initial, reference.
+        reading: how to read an image, see :func:`read_inputs`.
+        from_transport: start where that method ends.
+        device: value of --device.
+        force: replace earlier results.
+        console: where to report.
+    """
+
+    config: "Config"
+    files: Mapping[str, str]
+    reading: Mapping[str, Any]
+    from_transport: bool
+    device: str
+    force: bool
+    console: Console
+    _method: "tuple[Reconstructor, str] | None" = None
+
+    def run(self, image: str, target: Path, output: str) -> Outcome:
+        """Reconstruct one image and write its result.
+
+        Args:
+            image: path.
+            target: folder that :func:`cli.results.check_target` returned.
+            output: the same as a person wrote it.
+        """
+        from cli.results import result_folder, result_record, summary, write_results
+
+        console, config = self.console, self.config
+        inputs = read_inputs({"image": image, **self.files}, config.scene, **self.reading)
+        for warning in inputs.capture.warnings:
+            console.warn(warning)
+        method, device = self.method()
+        with result_folder(target, self.force) as folder:
+            self._announce(method, inputs)
+            with console.progress() as progress:
+                if self.from_transport:
+                    result, inputs = reconstruct_from_transport(method, inputs, config.scene, device, progress)
+                else:
+                    result = method.reconstruct(inputs.caustic, initial=inputs.initial, progress=progress)
+            record = result_record(result, inputs, config)
+            write_results(folder, result, inputs, config, record)
+        for warning in result.warnings:
+            console.warn(warning)
+        for line in summary(output, result, record):
+            console.line(line)
+        return Outcome(result, record)
+
+    def method(self) -> "tuple[Reconstructor, str]":
+        """The method, made at the first call, and its device."""
+        if self._method is None:
+            device = start_device(self.device)
+            self._method = make_method(self.config, device), device
+        return self._method
+
+    def _announce(self, method: "Reconstructor", inputs: "Inputs") -> None:
+        """Say what ``auto`` will do."""
+        choose = getattr(method, "choose", None)
+        if choose is not None and not self.from_transport:
+            choice = choose(inputs.caustic, inputs.initial)
+            self.console.line(f"auto       {choice.plan}: {choice.why}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,11 +289,12 @@ def _sha256(path: str) -> str:
 
 def make_method(config: "Config", device: str) -> "Reconstructor":
     """The configured method for the configured scene."""
-    from warp_caustics.reconstruct import methods
+    from nets.reconstruct import methods
 
-    chosen: Reconstructor = methods.create(
-        config.reconstruction.method, config.scene, device=device, **config.reconstruction.options
-    )
+    name, options = config.reconstruction.method, config.reconstruction.options
+    if name in methods.SEEDED:
+        options = {"seed": config.simulation.seed, **options}
+    chosen: Reconstructor = methods.create(name, config.scene, device=device, **options)
     return chosen
 
 
@@ -241,94 +312,3 @@ def reconstruct_from_transport(
     if start.stop_reason == "interrupted":
         return start, inputs
     return with_initial(method.reconstruct(inputs.caustic, initial=start.heights_m, progress=progress), start), inputs
-
-
-def result_record(result: "Reconstruction", inputs: Inputs, config: "Config") -> dict[str, Any]:
-    """Everything about a result but its arrays."""
-    from cli.env import versions
-    from warp_caustics.metrics import height_errors
-
-    reference, plate = inputs.reference, config.scene.plate_size_m
-    return {
-        "method": result.method,
-        "residual": result.residual,
-        "stop_reason": result.stop_reason,
-        "iterations": len(result.history),
-        "errors": None if reference is None else height_errors(result.heights_m, reference, plate),
-        "initial_errors": None
-        if reference is None or inputs.initial is None
-        else height_errors(inputs.initial, reference, plate),
-        "height_range_m": [result.heights_m.min(), result.heights_m.max()],
-        "timings_s": result.timings_s,
-        "counters": result.counters,
-        "settings": result.settings,
-        "warnings": [*inputs.capture.warnings, *result.warnings],
-        "inputs": inputs.files,
-        "calibration": {
-            "steps": inputs.capture.steps,
-            "noise_std_W_m2": inputs.capture.noise_std,
-            "saturated_fraction": inputs.capture.saturated_fraction,
-        },
-        "config_fingerprint": config.fingerprint(),
-        "versions": versions(),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "history": result.history,
-    }
-
-
-def write_results(
-    folder: Path, result: "Reconstruction", inputs: Inputs, config: "Config", record: Mapping[str, Any]
-) -> None:
-    """Write the files of a result (``cli.results.FILES``) into a folder."""
-    from cli.config import dump_config
-    from cli.overview import overview_figure, write_overview
-    from warp_caustics.io.atomic import atomic_path
-    from warp_caustics.io.heights import write_heights
-    from warp_caustics.io.mesh import height_field_mesh, write_mesh
-
-    scene = config.scene
-    write_heights(folder / "height.npy", result.heights_m)
-    write_heights(folder / "height.tif", result.heights_m)
-    write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
-    figure = overview_figure(
-        scene=scene,
-        measured=inputs.capture.irradiance,
-        simulated=result.image,
-        heights_m=result.heights_m,
-        caption=f"{result.method}: {'; '.join(_figures(result, record))}",
-    )
-    write_overview(folder / "overview.png", figure)
-    for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
-        with atomic_path(folder / name) as path:
-            path.write_text(text, encoding="utf-8")
-
-
-def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
-    figures = [f"image residual {result.residual:.3g}"]
-    if record["errors"]:
-        errors = record["errors"]
-        figures.append(f"height RMSE {errors['rmse_um']:.3g} um (flat guess {errors['reference_rms_um']:.3g} um)")
-    return figures
-
-
-def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
-    """A few lines for people."""
-    from cli.results import FILES
-
-    low, high = (height * 1e3 for height in record["height_range_m"])
-    lines = [
-        f"result     {output}: {', '.join(FILES)}",
-        f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
-        f"stopped by {result.stop_reason.replace('_', ' ')}",
-        f"residual   {result.residual:.4g} of the image",
-        f"heights    {low:.4g} to {high:.4g} mm",
-    ]
-    errors = record["errors"]
-    if errors:
-        lines.append(
-            f"errors     RMSE {errors['rmse_um']:.4g} um (without the mean {errors['rmse_mean_removed_um']:.4g}), "
-            f"95 % within {errors['quantile95_um']:.4g} um; a flat guess has {errors['reference_rms_um']:.4g} um"
-        )
-    if record["initial_errors"]:
-        lines.append(f"start      RMSE {record['initial_errors']['rmse_um']:.4g} um")
-    return lines

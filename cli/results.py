@@ -1,17 +1,28 @@
-"""The folder of a result: complete or absent."""
+"""The folder of a result: complete or absent; and what is written into it."""
 
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from cli.console import json_text
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import reason
 
+if TYPE_CHECKING:
+    from cli.config import Config
+    from cli.reconstruct import Inputs
+    from warp_caustics.reconstruct.base import FloatArray, Reconstruction
+
 FILES = ("height.npy", "height.tif", "surface.stl", "result.json", "overview.png", "config.resolved.yaml")
-"""What a result folder holds, and all that --force may replace."""
+"""What a result folder holds."""
+
+UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
+"""What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
 
 def check_target(target: str | Path, force: bool) -> Path:
@@ -35,7 +46,7 @@ def check_target(target: str | Path, force: bool) -> Path:
     if not path.is_dir():
         raise InputError(f"output {name} is a file; name a folder")
     held = sorted(os.listdir(path))
-    foreign = [entry for entry in held if entry not in FILES]
+    foreign = [entry for entry in held if entry not in (*FILES, *UNCERTAINTY_FILES)]
     if foreign:
         raise InputError(f"output {name} holds other files ({', '.join(foreign)[:80]}); name a new folder")
     if held and not force:
@@ -79,3 +90,121 @@ def _publish(temporary: Path, target: Path) -> None:
         old.rename(target)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def result_record(result: "Reconstruction", inputs: "Inputs", config: "Config") -> dict[str, Any]:
+    """Everything about a result but its arrays."""
+    from cli.env import versions
+    from warp_caustics.metrics import height_errors
+
+    reference, plate = inputs.reference, config.scene.plate_size_m
+    return {
+        "method": result.method,
+        "residual": result.residual,
+        "stop_reason": result.stop_reason,
+        "iterations": len(result.history),
+        "errors": None if reference is None else height_errors(result.heights_m, reference, plate),
+        "initial_errors": None
+        if reference is None or inputs.initial is None
+        else height_errors(inputs.initial, reference, plate),
+        "uncertainty": uncertainty_record(result, reference),
+        "height_range_m": [result.heights_m.min(), result.heights_m.max()],
+        "timings_s": result.timings_s,
+        "counters": result.counters,
+        "settings": result.settings,
+        "warnings": [*inputs.capture.warnings, *result.warnings],
+        "inputs": inputs.files,
+        "calibration": {
+            "steps": inputs.capture.steps,
+            "noise_std_W_m2": inputs.capture.noise_std,
+            "saturated_fraction": inputs.capture.saturated_fraction,
+        },
+        "config_fingerprint": config.fingerprint(),
+        "versions": versions(),
+        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "history": result.history,
+    }
+
+
+def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None") -> dict[str, Any] | None:
+    """Figures of the uncertainty [um], and what share of errors it covers where the truth is known."""
+    import numpy as np
+
+    if result.uncertainty_m is None:
+        return None
+    sigma = result.uncertainty_m
+    record = {
+        "rms_um": float(np.sqrt(np.mean(sigma**2))) * 1e6,
+        "quantile95_um": float(np.quantile(sigma, 0.95)) * 1e6,
+    }
+    if reference is not None:
+        error = np.abs(result.heights_m - reference)
+        record |= {"within_one": float((error <= sigma).mean()), "within_two": float((error <= 2 * sigma).mean())}
+    return record
+
+
+def write_results(
+    folder: Path, result: "Reconstruction", inputs: "Inputs", config: "Config", record: Mapping[str, Any]
+) -> None:
+    """Write the files of a result (``cli.results.FILES``) into a folder."""
+    from cli.config import dump_config
+    from cli.overview import overview_figure, uncertainty_figure, write_overview
+    from warp_caustics.io.atomic import atomic_path
+    from warp_caustics.io.heights import write_heights
+    from warp_caustics.io.mesh import height_field_mesh, write_mesh
+
+    scene = config.scene
+    if result.uncertainty_m is not None:
+        write_heights(folder / "uncertainty.npy", result.uncertainty_m)
+        write_heights(folder / "uncertainty.tif", result.uncertainty_m)
+        write_overview(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
+    write_heights(folder / "height.npy", result.heights_m)
+    write_heights(folder / "height.tif", result.heights_m)
+    write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
+    figure = overview_figure(
+        scene=scene,
+        measured=inputs.capture.irradiance,
+        simulated=result.image,
+        heights_m=result.heights_m,
+        caption=f"{result.method}: {'; '.join(_figures(result, record))}",
+    )
+    write_overview(folder / "overview.png", figure)
+    for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
+        with atomic_path(folder / name) as path:
+            path.write_text(text, encoding="utf-8")
+
+
+def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
+    figures = [f"image residual {result.residual:.3g}"]
+    if record["errors"]:
+        errors = record["errors"]
+        figures.append(f"height RMSE {errors['rmse_um']:.3g} um (flat guess {errors['reference_rms_um']:.3g} um)")
+    return figures
+
+
+def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
+    """A few lines for people."""
+    files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
+    low, high = (height * 1e3 for height in record["height_range_m"])
+    lines = [
+        f"result     {output}: {', '.join(files)}",
+        f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
+        f"stopped by {result.stop_reason.replace('_', ' ')}",
+        f"residual   {result.residual:.4g} of the image",
+        f"heights    {low:.4g} to {high:.4g} mm",
+    ]
+    errors = record["errors"]
+    if errors:
+        lines.append(
+            f"errors     RMSE {errors['rmse_um']:.4g} um (without the mean {errors['rmse_mean_removed_um']:.4g}), "
+            f"95 % within {errors['quantile95_um']:.4g} um; a flat guess has {errors['reference_rms_um']:.4g} um"
+        )
+    if record["uncertainty"]:
+        found = record["uncertainty"]
+        lines.append(
+            f"uncertain  {found['rms_um']:.3g} um (root mean square), 95 % of the plate below "
+            f"{found['quantile95_um']:.3g} um"
+        )
+    if record["initial_errors"]:
+        lines.append(f"start      RMSE {record['initial_errors']['rmse_um']:.4g} um")
+    return lines

@@ -148,6 +148,22 @@ def load_weights(
     return LoadedNetwork(module.to(map_location).eval(), info)
 
 
+def weights_info(path: PathLike) -> WeightsInfo:
+    """What a weights file says of itself, every byte checked, without building the network.
+
+    Args:
+        path: file that :func:`save_weights` wrote.
+
+    Raises:
+        InputError: no such file.
+        DamagedDataError: the content is not what was written.
+        MismatchError: another kind of file.
+    """
+    file = regular_file(path)
+    name = repr(os.fspath(path))
+    return _info(*decode(_content(file, name), name), name)
+
+
 def normalisation(architecture: Architecture, scene: Scene) -> dict[str, Any]:
     """Constants by which a network's inputs and outputs are scaled, under the names of their configuration."""
     if architecture.kind in ("direct", "unrolled"):

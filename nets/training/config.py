@@ -165,6 +165,9 @@ class TrainingConfig(Strict):
     denoiser_weights: str | None = None
     """Weights file of the network that denoises the simulated images of fresh ``updater`` samples; None leaves them
     raw. A data set brings its own."""
+    fixed_samples: Annotated[int, Field(ge=0, le=10**6)] = 0
+    """Samples made once, kept on the device and drawn from in every step, as a search does; 0 for no such pool. An
+    epoch then has ``steps_per_epoch`` steps."""
     data_workers: Annotated[int, Field(ge=0, le=64)] = 2
     """Processes that read files; none for fresh samples."""
     augmentation: AugmentationConfig = AugmentationConfig()
@@ -204,6 +207,14 @@ class RunConfig(Strict):
         replayed = self.training.replay.size
         if replayed and (self.kind not in ("direct", "unrolled") or self.data is not None):
             raise ValueError("training.replay.size is for fresh samples of direct and unrolled; set it to 0")
+        fixed = self.training.fixed_samples
+        if fixed and replayed:
+            raise ValueError("training.fixed_samples and training.replay.size are both pools; set one of them to 0")
+        if 0 < fixed < self.training.batch_size:
+            raise ValueError(
+                f"training.fixed_samples {fixed} is smaller than a batch of {self.training.batch_size}; "
+                "raise it, or give 0 for no pool"
+            )
         if self.training.denoiser_weights is not None and (self.kind != "updater" or self.data is not None):
             raise ValueError("training.denoiser_weights is for fresh samples of the updater; leave it out")
         return self

@@ -29,12 +29,12 @@ from nets.training.keys import step_seed
 from nets.training.optimisation import WeightAverage, make_optimiser
 from nets.training.pictures import write_sample
 from nets.training.precision import autocast
-from nets.training.progress import Observer, StopReason, TrainingProgress, TrainingResult
+from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult
 from nets.training.record import RunRecord
-from nets.training.sources import Batch, ReplaySource, make_source
+from nets.training.sources import Batch, ReplaySource, Source, make_source
 from nets.training.state import RunState, finite_or_none
 from nets.training.tasks import make_task
-from warp_caustics.errors import InputError, ResourceError
+from warp_caustics.errors import ResourceError
 
 AGREE_EVERY_STEPS = 10
 """How often several processes agree on time and on whether to stop."""
@@ -56,27 +56,35 @@ class Limits:
 
 
 def fit(
-    config: RunConfig, folder: Path, fabric: Any, observer: Observer, limits: Limits, *, resume: bool
+    config: RunConfig,
+    folder: Path | None,
+    fabric: Any,
+    observer: Observer,
+    limits: Limits,
+    *,
+    resume: bool,
+    source: Source | None = None,
 ) -> TrainingResult:
     """Train until the run is finished or a limit is reached.
 
     Args:
         config: the run.
-        folder: for everything that is written; exists.
+        folder: for everything that is written; exists. None writes nothing.
         fabric: a launched ``lightning.fabric.Fabric`` in 32-bit precision (mixed precision is this function's work:
             Fabric would round images and heights on their way into the network).
         observer: watches.
         limits: of this command.
         resume: continue from the newest checkpoint in the folder; from the beginning where there is none yet.
+        source: of the batches, in place of the run's own.
 
     Raises:
-        InputError: the loss is no number.
+        DivergedError: loss or weights are no numbers.
         ResourceError: the pool of samples does not fit into the GPU.
         MismatchError: the checkpoint is of another run.
         DamagedDataError: no checkpoint can be read.
     """
     loop = _Loop(config, folder, fabric, observer, limits)
-    loop.prepare(resume)
+    loop.prepare(resume, source)
     try:
         with _signals_as_flag(loop):
             return loop.run()
@@ -85,12 +93,13 @@ def fit(
 
 
 class _Loop:
-    def __init__(self, config: RunConfig, folder: Path, fabric: Any, observer: Observer, limits: Limits):
-        self.config, self.training, self.folder = config, config.training, folder
+    def __init__(self, config: RunConfig, folder: Path | None, fabric: Any, observer: Observer, limits: Limits):
+        self.config, self.training, self.folder = config, config.training, folder or Path()
         self.fabric, self.observer, self.limits = fabric, observer, limits
         self.device: torch.device = fabric.device
         self.world, self.is_first = int(fabric.world_size), bool(fabric.is_global_zero)
-        self.checkpoints, self.pictures = folder / "checkpoints", folder / "pictures"
+        self.is_writing = self.is_first and folder is not None
+        self.checkpoints, self.pictures = self.folder / "checkpoints", self.folder / "pictures"
         self.signal: int | None = None
         self.validation: list[Batch] = []
         self.saved_best_step = 0
@@ -99,7 +108,7 @@ class _Loop:
 
     # -- before and after -------------------------------------------------------------------------------------
 
-    def prepare(self, resume: bool) -> None:
+    def prepare(self, resume: bool, source: Source | None) -> None:
         """Network, source, state; a checkpoint's content where one is continued."""
         training, device = self.training, self.device
         torch.backends.cudnn.benchmark = True
@@ -127,7 +136,7 @@ class _Loop:
             self._restore()
         compiled: Any = torch.compile(network) if training.compile else network
         self.module = self.fabric.setup_module(compiled)
-        self.source = make_source(self.config, device, int(self.fabric.global_rank), self.world)
+        self.source = source or make_source(self.config, device, int(self.fabric.global_rank), self.world)
         self.watch = Stopwatch(device)
         self.task = make_task(self.config, device, int(self.fabric.global_rank), self.watch)
         if isinstance(self.source, ReplaySource):
@@ -135,7 +144,7 @@ class _Loop:
         self.source.resume(self.state.step * training.accumulate)
         self.validation = self.source.validation()
         self.steps_per_epoch = max(1, self.source.steps_per_epoch // training.accumulate)
-        if self.is_first:
+        if self.is_writing:
             for path in (self.checkpoints, self.pictures):
                 path.mkdir(exist_ok=True)
             remove_unfinished(self.checkpoints)
@@ -195,7 +204,7 @@ class _Loop:
         elif reason == "finished" and state.step % self.steps_per_epoch != 0:
             self._validate()
         self._save()
-        weights = self._export() if self.is_first else None
+        weights = self._export() if self.is_writing else None
         best = finite_or_none(state.stopping.best)
         return TrainingResult(
             reason, state.step, state.elapsed_s, best, self.task.objective, dict(state.validation), weights
@@ -270,7 +279,7 @@ class _Loop:
         steps, self.done_at_reading = state.step - self.done_at_reading, state.step
         samples = steps * self.training.batch_size * self.training.accumulate * self.world / seconds
         if not torch.isfinite(torch.tensor(loss)):
-            raise InputError(
+            raise DivergedError(
                 f"loss is {loss} at step {state.step}; lower training.learning_rate "
                 f"(now {self.training.learning_rate:g}) and resume from the last checkpoint"
             )
@@ -292,15 +301,16 @@ class _Loop:
         state = self.state
         with torch.no_grad():
             measures = self.fabric.broadcast(self.task.measures(self._average_model, self.validation))
-            sample = self.task.sample(self._average_model, self.validation[0]).on_cpu()
+            sample = self.task.sample(self._average_model, self.validation[0]).on_cpu() if self.is_writing else None
         state.validation = measures
         is_best = state.stopping.saw(measures[self.task.objective])
         if is_best:
             state.keep_best()
         self._write({**measures, "is_best": int(is_best)})
-        if self.is_first:
+        if self.is_writing:
             figures = ", ".join(f"{name} {value:.4g}" for name, value in measures.items())
             self.drawing.submit(self._picture, state.step, sample, f"step {state.step}: {figures}")
+        if self.is_first:
             self.observer.show(
                 TrainingProgress(
                     state.step, state.share, state.elapsed_s, float("nan"), 0.0, 0.0, state.rate, measures, True
@@ -333,10 +343,12 @@ class _Loop:
         if not self.is_first:
             return
         if not state.is_finite:
-            raise InputError(
+            raise DivergedError(
                 f"weights are not finite at step {state.step}; lower training.learning_rate "
                 f"(now {self.training.learning_rate:g}) and resume from the last checkpoint"
             )
+        if not self.is_writing:
+            return
         save_checkpoint(self.checkpoints, state.to_dict())
         if state.best_step != self.saved_best_step:
             best = {"weights": state.best_weights, "step": state.best_step, "config": self.config.model_dump_json()}

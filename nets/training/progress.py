@@ -3,9 +3,15 @@
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from warp_caustics.errors import InputError
+
 StopReason = str
 """``finished``, ``early_stopping``, ``max_steps``, ``max_time``, ``interrupted`` (Ctrl-C) or
 ``terminated`` (SIGTERM)."""
+
+
+class DivergedError(InputError):
+    """Loss or weights are no numbers any more."""
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,11 @@ def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser |
 
 def make_source(config: RunConfig, device: torch.device, rank: int = 0, world: int = 1) -> Source:
     """The source of a run's batches."""
+    if config.training.fixed_samples:
+        from nets.training.fixed import FixedSource
+
+        own = config.model_copy(update={"training": config.training.model_copy(update={"fixed_samples": 0})})
+        return FixedSource(make_source(own, device, rank, world), config, device, rank)
     if config.data is not None:
         from nets.training.files import FileSource
 

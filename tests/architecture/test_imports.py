@@ -50,7 +50,20 @@ def test_kernels_know_nothing_of_torch():
         assert "torch" not in imported_packages(module.read_text(encoding="utf-8")), module.name
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["simulate", "--help"], ["reconstruct", "-h"], ["config", "-h"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["simulate", "--help"],
+        ["reconstruct", "-h"],
+        ["config", "-h"],
+        ["data", "build", "-h"],
+        ["train", "-h"],
+        ["search", "-h"],
+        ["compare", "-h"],
+        ["weights", "info", "-h"],
+    ],
+)
 def test_help_loads_nothing_heavy(arguments):
     code = (
         "import sys; from cli.main import main; code = main(sys.argv[1:]);"

@@ -32,7 +32,8 @@ class Fake(Reconstructor):
 
 
 def methods_module():
-    """A stand-in for ``warp_caustics.reconstruct.methods`` that knows this method only."""
-    module = types.ModuleType("warp_caustics.reconstruct.methods")
+    """A stand-in for ``nets.reconstruct.methods`` that knows this method only."""
+    module = types.ModuleType("nets.reconstruct.methods")
     module.create = lambda name, scene, device="cpu", **options: Fake(scene, **options)
+    module.SEEDED = ()
     return module

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import warp_caustics.reconstruct
+import nets.reconstruct
 from cli.config import load_config
 from cli.main import main
 from cli.results import FILES, check_target, result_folder
@@ -27,7 +27,7 @@ def fake(monkeypatch):
     spec.loader.exec_module(fake_method)
     module = fake_method.methods_module()
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(warp_caustics.reconstruct, "methods", module, raising=False)
+    monkeypatch.setattr(nets.reconstruct, "methods", module, raising=False)
     return fake_method
 
 

@@ -1,0 +1,260 @@
+"""``nsfc search``: find good numbers of Tab. 2 with Optuna, or go on finding them."""
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rich_click as click
+
+from cli.console import Console
+from cli.options import config_options, device_option, integer, json_option, start_device
+from cli.train import duration
+
+if TYPE_CHECKING:
+    import optuna
+
+    from nets.search.config import SearchConfig
+    from nets.search.study import Address
+
+KINDS = ("denoiser", "updater")
+RESOLVED = "search.yaml"
+SEARCHED = ("network.network", "training.learning_rate", "training.lambda_tv", "training.total_steps")
+"""Keys that trials set, so nobody else may."""
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("data", type=click.Path(), required=False)
+@click.option("-o", "--output", type=click.Path(), required=True, metavar="DIR", help="Folder of the search.")
+@click.option("--fresh", is_flag=True, help="Simulate samples instead of reading DATA.")
+@click.option("--n-trials", type=integer, required=True, help="Finished trials of the study in the end.")
+@click.option("--pool", type=integer, metavar="N", help="Make N samples once per worker, for all of its trials.")
+@click.option("--max-epochs", type=integer, default=15, show_default=True, help="Epochs of a trial, 5 or more.")
+@click.option("--steps-per-epoch", type=integer, help="Optimiser steps of an epoch; with --fresh or --pool.")
+@click.option("--trial-time", type=duration, metavar="TIME", help="Judge a trial by its best epoch until then.")
+@click.option("--max-time", type=duration, metavar="TIME", help="Stop this command after so long, e.g. 8m.")
+@click.option("--sampler", type=click.Choice(("tpe", "gp")), default="tpe", show_default=True, help="What proposes.")
+@click.option("--paper-first", is_flag=True, help="Let a new study begin with Tab. 2's best member.")
+@click.option("--storage", metavar="URL", help="Database of several machines. [default: DIR/study.db]")
+@click.option("--study", "name", help="Name in the database. [default: nsfc-KIND]")
+@click.option("--workers", type=integer, default=1, show_default=True, help="Processes on this machine.")
+@click.option("--devices", type=integer, help="GPUs that the workers share. [default: all, but not above --workers]")
+@click.option("--batch-size", type=integer, help="Samples per step.")
+@click.option("--precision", type=click.Choice(("32", "bf16", "16")), help="Of the networks' arithmetic.")
+@click.option("--seed", type=integer, help="Of weights, samples and sampler.")
+@device_option
+@config_options
+@json_option
+def search(
+    kind: str,
+    data: str | None,
+    output: str,
+    fresh: bool,
+    n_trials: int,
+    pool: int | None,
+    max_epochs: int,
+    steps_per_epoch: int | None,
+    trial_time: float | None,
+    max_time: float | None,
+    sampler: str,
+    paper_first: bool,
+    storage: str | None,
+    name: str | None,
+    workers: int,
+    devices: int | None,
+    batch_size: int | None,
+    precision: str | None,
+    seed: int | None,
+    device: str,
+    config_source: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Search for a good denoiser or updater: network and learning rate within the ranges of Tab. 2.
+
+    Given again, the same command goes on where it stopped. Started on several machines with one --storage, it shares
+    the work. DIR holds best.yaml for nsfc train --config, trials.csv and report.html.
+    """
+    start = time.monotonic()
+    _check_usage(data, fresh, n_trials, pool, steps_per_epoch, workers, devices)
+    from cli.train_config import new_run
+
+    overrides = {
+        "training.batch_size": batch_size,
+        "training.precision": precision,
+        "training.seed": seed,
+        "training.steps_per_epoch": steps_per_epoch,
+        "training.fixed_samples": pool,
+        "data": os.path.abspath(data) if data is not None else None,
+    }
+    _check_settings(settings)
+    run = new_run(kind, None, config_source, settings, overrides)  # type: ignore[arg-type]
+    wanted = _checked({"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time})
+    chosen = _devices(start_device(device), device, workers, devices)
+    folder = _folder(output)
+    from nets.search.study import address
+
+    where = address(storage, folder, name or f"nsfc-{kind}")
+    deadline = start + max_time if max_time is not None else None
+    console = Console(as_json)
+    code, study = _searched(wanted, where, folder, n_trials, deadline, chosen, paper_first, console)
+    record = _record(output, study, wanted, time.monotonic() - start)
+    for line in _summary(record):
+        console.line(line)
+    console.record(record)
+    return code
+
+
+def _check_usage(
+    data: str | None,
+    fresh: bool,
+    n_trials: int,
+    pool: int | None,
+    steps_per_epoch: int | None,
+    workers: int,
+    devices: int | None,
+) -> None:
+    if (data is None) == (not fresh):
+        raise click.UsageError("give the folder of a data set or --fresh, and not both")
+    if steps_per_epoch is not None and not fresh and not pool:
+        raise click.UsageError("a data set has epochs of its own; leave --steps-per-epoch out, or give --pool")
+    for option, value in (("--n-trials", n_trials), ("--workers", workers), ("--devices", devices)):
+        if value is not None and value < 1:
+            raise click.UsageError(f"{option} {value} is below 1")
+
+
+def _check_settings(settings: Sequence[str]) -> None:
+    from warp_caustics.errors import InputError
+
+    for setting in settings:
+        key = setting.partition("=")[0].strip()
+        if any(key == name or key.startswith(f"{name}.") for name in SEARCHED):
+            raise InputError(f"--set {key} is what the search varies; leave it out (--max-epochs ends trials)")
+
+
+def _checked(tree: dict[str, Any]) -> "SearchConfig":
+    import pydantic
+
+    from nets.search.config import SearchConfig
+    from warp_caustics.errors import InputError
+    from warp_caustics.scene import validation_lines
+
+    try:
+        return SearchConfig.model_validate(tree)
+    except pydantic.ValidationError as error:
+        raise InputError("; ".join(validation_lines(error)[:3])) from error
+
+
+def _devices(found: str, asked: str, workers: int, devices: int | None) -> list[str]:
+    """The device of each worker."""
+    from warp_caustics.errors import InputError, ResourceError
+
+    if not found.startswith("cuda") or ":" in asked:
+        if devices is not None and devices > 1:
+            raise InputError(f"--devices {devices}, but --device {asked} is one; use --device cuda")
+        return [found] * workers
+    import torch
+
+    there = torch.cuda.device_count()
+    if devices is not None and devices > there:
+        raise ResourceError(f"--devices {devices}, but {there} GPUs found; use --devices {max(1, there)}")
+    used = devices or min(workers, there)
+    return [f"cuda:{worker % used}" for worker in range(workers)]
+
+
+def _folder(output: str) -> Path:
+    """The folder of the search, made if it is missing.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    from warp_caustics.errors import InputError
+
+    folder = Path(os.path.realpath(output))
+    if not folder.parent.is_dir():
+        raise InputError(f"folder {str(folder.parent)!r} does not exist; create it first")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"output {output!r} is a file; name a folder")
+    folder.mkdir(exist_ok=True)
+    held = sorted(name for name in os.listdir(folder) if not name.startswith("."))
+    if held and RESOLVED not in held:
+        raise InputError(f"output {output!r} holds other files ({', '.join(held)[:80]}); name a new folder")
+    return folder
+
+
+def _searched(
+    wanted: "SearchConfig",
+    where: "Address",
+    folder: Path,
+    n_trials: int,
+    deadline: float | None,
+    devices: list[str],
+    paper_first: bool,
+    console: Console,
+) -> tuple[int, "optuna.Study"]:
+    """Exit code, and the study as it is then."""
+    from cli.config import dump_config
+    from cli.search_progress import search_progress
+    from nets.search.processes import Plan, run_here, run_workers
+    from nets.search.report import write_outputs
+    from nets.search.signals import StoppedError
+    from nets.search.study import open_study, queue_best_of_paper
+    from nets.search.worker import Goal
+    from warp_caustics.io.atomic import atomic_path
+
+    study = open_study(where, wanted)  # before anything is written: it may be of another search
+    with atomic_path(folder / RESOLVED) as path:
+        path.write_text(dump_config(wanted), encoding="utf-8")
+    if paper_first:
+        queue_best_of_paper(study, wanted)
+    plan = Plan(where, wanted, Goal(n_trials, deadline), folder, wanted.run.training.seed)
+    code = 0
+    try:
+        with search_progress(console, study, n_trials) as show:
+            if len(devices) == 1:
+                run_here(plan, devices[0], show)
+            else:
+                run_workers(plan, devices, show)
+    except KeyboardInterrupt as error:
+        stopped = error.reason if isinstance(error, StoppedError) else "interrupted"
+        code = 143 if stopped == "terminated" else 130
+        click.echo(f"{stopped}; the same command goes on", err=True)
+    finally:
+        write_outputs(folder, study, wanted, is_last=True)
+    return code, study
+
+
+def _record(output: str, study: "optuna.Study", wanted: "SearchConfig", elapsed_s: float) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from nets.search.report import best_trial
+    from nets.search.study import count
+
+    best = best_trial(study.get_trials(deepcopy=False))
+    counts = count(study)
+    return {
+        "output": output,
+        "study": study.study_name,
+        "trials": {"finished": counts.finished, **asdict(counts)},
+        "best": None if best is None else {"number": best.number, "loss": best.value, "values": best.params},
+        "elapsed_s": elapsed_s,
+        "config": wanted.model_dump(mode="json"),
+    }
+
+
+def _summary(record: dict[str, Any]) -> list[str]:
+    trials, best = record["trials"], record["best"]
+    lines = [
+        f"search     {record['output']}, {trials['finished']} trials: {trials['complete']} complete, "
+        f"{trials['pruned']} pruned, {trials['failed']} failed, {record['elapsed_s']:.1f} s"
+    ]
+    if best is None:
+        return [*lines, "best       none, no trial is complete"]
+    values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in best["values"].items())
+    return [
+        *lines,
+        f"best       trial {best['number']}, loss {best['loss']:.4g}: {values}",
+        f"config     {os.path.join(record['output'], 'best.yaml')}",
+    ]

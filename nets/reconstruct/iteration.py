@@ -1,0 +1,172 @@
+"""The loop that ``nsfc`` and ``nsfc-unrolled`` share: simulate, compare, let a network step, again."""
+
+import time
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from nets.reconstruct.polish import PolishOptions, outcome, polished
+from nets.reconstruct.record import as_glass, finished, network_image
+from nets.reconstruct.scene_match import working_scene
+from nets.shipped import FoundNetwork
+from warp_caustics.reconstruct.base import (
+    CausticImage,
+    FloatArray,
+    Progress,
+    ProgressCallback,
+    Reconstruction,
+    Reconstructor,
+    StopReason,
+)
+from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator, usable_device
+
+
+class IterationOptions(PolishOptions):
+    """Settings of methods that iterate a network."""
+
+    max_iterations: Annotated[int, Field(ge=1, le=1000)] | None = None
+    """Steps of the network; None takes as many as the method or the training says."""
+    keep_iterates: bool = False
+    """Keep the relief after every step in ``Reconstruction.iterates_m``."""
+    seed: Annotated[int, Field(ge=0, lt=2**62)] = 0
+    """Of random photons; no effect on a lattice."""
+
+
+@dataclass
+class Steps:
+    """What a running iteration has found.
+
+    Attributes:
+        heights: current relief of each copy [m], shape [B, n, n].
+        history: one entry per step.
+        iterates: mean relief [m] before the first and after every step, where kept.
+    """
+
+    heights: torch.Tensor
+    history: list[dict[str, Any]] = field(default_factory=list)
+    iterates: list[FloatArray] = field(default_factory=list)
+
+
+class Iterated(Reconstructor):
+    """A network iterated on its own answers.
+
+    Args:
+        scene: the set-up of the measurement.
+        options: of the method.
+        network: the updater.
+        device: where to compute.
+    """
+
+    def __init__(self, scene: Scene, options: IterationOptions, network: FoundNetwork, device: str | torch.device):
+        self.scene, self.options, self.network = scene, options, network
+        self.device = usable_device(device)
+        self.inner_scene = working_scene(scene, network.info.scene)
+        self.simulator = CausticSimulator(scene, "lattice", device=self.device)
+
+    @property
+    @abstractmethod
+    def iterations(self) -> int:
+        """Steps to do."""
+
+    @property
+    @abstractmethod
+    def used(self) -> dict[str, Any]:
+        """Networks and photons, for the result's settings."""
+
+    @abstractmethod
+    def start(self, target: torch.Tensor, initial: FloatArray | None) -> torch.Tensor:
+        """Heights to start from [m], shape [B, n, n]; ``target`` [n_w, m, m] in the network's brightness."""
+
+    @abstractmethod
+    def step(self, number: int, heights: torch.Tensor) -> tuple[torch.Tensor, float]:
+        """Improved heights [m], shape [B, n, n], and the relative residual of those given."""
+
+    @abstractmethod
+    def mean(self, heights: torch.Tensor) -> torch.Tensor:
+        """One relief [m], shape [n, n], of all copies."""
+
+    def reconstruct(
+        self,
+        image: CausticImage,
+        *,
+        initial: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> Reconstruction:
+        """Recover the relief; see :class:`~warp_caustics.reconstruct.base.Reconstructor`.
+
+        Ctrl-C and ``max_time_s`` end it with the last complete step. The residual of a history's entry is that
+        before its step.
+        """
+        check_image(image, self.scene)
+        if initial is not None:
+            check_initial(initial, self.scene)
+        started = time.perf_counter()
+        n = self.scene.height_samples
+        flat = np.zeros((n, n)) if initial is None else initial
+        steps = Steps(torch.as_tensor(flat, dtype=torch.float32, device=self.device)[None])
+        reason = self._iterate(image, initial, steps, started, progress)
+        heights = as_glass(self.mean(steps.heights).cpu().numpy(), self.scene)
+        timings = {"iteration": time.perf_counter() - started}
+        warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(steps.history), refinement="off")
+        if self.options.refine and reason == "max_iterations":
+            found = polished(self.simulator, image, heights, self.options, timings["iteration"], progress)
+            if found is not None:
+                heights, reason = found.heights, found.result.stop_reason
+            counters["refinement"] = outcome(found)
+            timings["refinement"] = time.perf_counter() - started - timings["iteration"]
+        return finished(
+            self.name,
+            self.simulator,
+            image,
+            heights,
+            reason=reason,
+            history=steps.history,
+            timings=timings,
+            counters=counters,
+            settings=self.options.model_dump() | self.used,
+            warnings=warnings,
+            iterates=np.stack(steps.iterates) if steps.iterates else None,
+        )
+
+    def _iterate(
+        self,
+        image: CausticImage,
+        initial: FloatArray | None,
+        steps: Steps,
+        started: float,
+        progress: ProgressCallback | None,
+    ) -> StopReason:
+        """Fill ``steps``; returns why it ended."""
+        limit = self.options.max_time_s
+        try:
+            target = network_image(image, self.scene, self.network.info.scene, self.device)
+            steps.heights = self.start(target, initial)
+            self._keep(steps)
+            for number in range(self.iterations):
+                steps.heights, residual = self.step(number, steps.heights)
+                self._keep(steps)
+                elapsed = time.perf_counter() - started
+                entry = {"stage": "network", "iteration": number + 1, "residual": residual, "loss": residual**2 / 2}
+                steps.history.append(entry | {"elapsed_s": elapsed})
+                if progress is not None:
+                    progress(Progress("network", number + 1, self.iterations, residual, elapsed))
+                if limit is not None and elapsed > limit:
+                    return "max_time"
+        except KeyboardInterrupt:
+            return "interrupted"
+        return "max_iterations"
+
+    def _keep(self, steps: Steps) -> None:
+        if self.options.keep_iterates:
+            steps.iterates.append(self.mean(steps.heights).double().cpu().numpy())
+
+
+def relative(simulated: torch.Tensor, target: torch.Tensor) -> float:
+    """||simulated - target|| / ||target|| over a batch of images."""
+    return float((simulated - target).double().norm() / target.double().norm().clamp_min(1e-30))

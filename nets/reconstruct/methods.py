@@ -1,0 +1,68 @@
+"""All reconstruction methods by name: those without networks, those with, and ``auto``."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pydantic
+import torch
+
+from nets.reconstruct.auto import Auto
+from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.nsfc import Nsfc, NsfcOptions
+from nets.reconstruct.unrolled import NsfcUnrolled, UnrolledOptions
+from warp_caustics.errors import InputError
+from warp_caustics.reconstruct.base import Reconstructor
+from warp_caustics.reconstruct.methods import METHODS
+from warp_caustics.scene import Scene, validation_lines
+
+Maker = Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]
+
+
+def _auto(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Auto(scene, options, device, create)
+
+
+def _direct(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Direct(scene, DirectOptions(**options), device)
+
+
+def _nsfc(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Nsfc(scene, NsfcOptions(**options), device)
+
+
+def _unrolled(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return NsfcUnrolled(scene, UnrolledOptions(**options), device)
+
+
+ALL_METHODS: dict[str, Maker] = {
+    "auto": _auto,
+    "direct": _direct,
+    "nsfc": _nsfc,
+    "nsfc-unrolled": _unrolled,
+    **METHODS,
+}
+
+SEEDED = ("nsfc", "nsfc-unrolled")
+"""Methods with an option ``seed``."""
+
+
+def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **options: Any) -> Reconstructor:
+    """The reconstruction method of that name.
+
+    Args:
+        name: one of :data:`ALL_METHODS`.
+        scene: the set-up of the measurement.
+        device: where to compute.
+        options: the method's own settings.
+
+    Raises:
+        InputError: unknown method or option, or weights that are missing.
+        MismatchError: weights for another scene.
+        ResourceError: the device is missing.
+    """
+    if name not in ALL_METHODS:
+        raise InputError(f"method {name!r} is not known; use one of {', '.join(ALL_METHODS)}")
+    try:
+        return ALL_METHODS[name](scene, options, device)
+    except pydantic.ValidationError as error:
+        raise InputError("; ".join(validation_lines(error, name))) from error

@@ -1,0 +1,115 @@
+"""What all methods with networks do around them: prepare the image, explain the result."""
+
+import time
+from typing import Any
+
+import numpy as np
+import scipy.ndimage
+import torch
+
+from nets.encoding import flat_irradiance
+from warp_caustics.energy import energy_budget
+from warp_caustics.reconstruct.base import CausticImage, FloatArray, Reconstruction, StopReason
+from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+BAD_RESIDUAL = 0.4
+"""Own fields of Tab. 3 end below 0.3; more means that the network does not know such images."""
+
+_NEIGHBOURS = 5
+"""Size of the square that stands in for pixels that do not count."""
+
+
+def network_image(image: CausticImage, scene: Scene, trained: Scene, device: torch.device) -> torch.Tensor:
+    """The image in the brightness that a network knows, shape [n_w, m, m] [W/m^2], float32.
+
+    Pixels that do not count (saturated, dead) take the mean of their neighbours that do, or stay if brighter.
+
+    Args:
+        image: what was measured.
+        scene: of the measurement.
+        trained: scene of the network.
+        device: where to put it.
+    """
+    values = np.asarray(image.irradiance, dtype=np.float64)
+    if image.mask is not None and not image.mask.all():
+        counts = image.mask.astype(np.float64)
+        size = (1, _NEIGHBOURS, _NEIGHBOURS)
+        weight = scipy.ndimage.uniform_filter(counts, size)
+        mean = scipy.ndimage.uniform_filter(values * counts, size) / np.maximum(weight, 1e-9)
+        values = np.where(image.mask, values, np.maximum(values, mean))
+    measured = torch.as_tensor(values, dtype=torch.float32, device=device)
+    return measured * (flat_irradiance(trained) / flat_irradiance(scene)).to(device)
+
+
+def residual_of(simulator: CausticSimulator, image: CausticImage, heights: FloatArray) -> tuple[torch.Tensor, float]:
+    """Caustic of a relief [W/m^2], shape [n_w, m, m], and its relative residual over the pixels that count."""
+    scene, device = simulator.scene, simulator.device
+    measurement = measurement_at(image, scene, scene.image_pixels, device)
+    radiosity = torch.tensor(scene.radiosity_W_m2, device=device)[:, None, None]
+    with torch.no_grad():
+        simulated = simulator(torch.tensor(heights, dtype=torch.float32, device=device))
+        return simulated, measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
+
+
+def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:
+    """Heights that leave some plate: a network may answer anything, the simulator wants glass."""
+    finite: FloatArray = np.nan_to_num(heights.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.maximum(finite, -0.9 * scene.base_thickness_m)
+
+
+def finished(
+    method: str,
+    simulator: CausticSimulator,
+    image: CausticImage,
+    heights: FloatArray,
+    *,
+    reason: StopReason,
+    history: list[dict[str, Any]],
+    timings: dict[str, float],
+    counters: dict[str, Any],
+    settings: dict[str, Any],
+    warnings: list[str],
+    uncertainty: FloatArray | None = None,
+    iterates: FloatArray | None = None,
+) -> Reconstruction:
+    """The record of a result, with its caustic simulated at all pixels.
+
+    Args:
+        method: its name.
+        simulator: of the measured scene.
+        image: what was measured.
+        heights: result [m], shape [n, n].
+        reason: why it ended.
+        history: of iterations.
+        timings: wall time of parts [s].
+        counters: what happened.
+        settings: to repeat the run.
+        warnings: for the user.
+        uncertainty: standard uncertainty [m], shape [n, n].
+        iterates: heights after each iteration [m], shape [K + 1, n, n].
+    """
+    started = time.perf_counter()
+    simulated, residual = residual_of(simulator, image, heights)
+    if residual > BAD_RESIDUAL and reason != "interrupted":
+        warnings = [
+            *warnings,
+            f"the result explains the image to {residual:.0%} only, printed reliefs as in training to better than "
+            f"{BAD_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine",
+        ]
+    found = torch.tensor(heights, dtype=torch.float32, device=simulator.device)
+    return Reconstruction(
+        method=method,
+        heights_m=heights,
+        image=simulated.cpu().numpy(),
+        residual=residual,
+        stop_reason=reason,
+        history=history,
+        timings_s=timings | {"resimulation": time.perf_counter() - started},
+        counters=counters | {"energy": energy_budget(simulator, found)},
+        settings=settings | {"simulation": simulator.settings()},
+        warnings=tuple(warnings),
+        uncertainty_m=uncertainty,
+        iterates_m=iterates,
+    )

@@ -1,0 +1,112 @@
+"""Networks that come with the software, and how a method finds the one it needs."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from nets.reconstruct.scene_match import check_scene, differences, train_command
+from nets.weights import WeightsInfo, load_weights, weights_info
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.scene import Scene
+
+FOLDER = Path(__file__).parent / "trained"
+
+
+@dataclass(frozen=True)
+class FoundNetwork:
+    """A network that fits a scene.
+
+    Attributes:
+        module: float32, in evaluation mode, on its device.
+        info: what its file says of itself.
+        file: name of the file.
+        warnings: what the user should know.
+    """
+
+    module: nn.Module
+    info: WeightsInfo
+    file: str
+    warnings: tuple[str, ...]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Which network it was, for a result's settings."""
+        return {"file": self.file, "kind": self.info.architecture.kind, "content_hash": self.info.content_hash}
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """Configuration of its training; empty where the file does not tell."""
+        config = self.info.training.get("config")
+        return dict(config) if isinstance(config, dict) else {}
+
+
+def shipped_weights() -> list[Path]:
+    """Weights files that come with the software."""
+    return sorted(FOLDER.glob("*.safetensors"))
+
+
+def find_network(
+    kind: str,
+    scene: Scene,
+    *,
+    path: str | None = None,
+    device: str | torch.device = "cpu",
+    suits: Callable[[WeightsInfo], bool] | None = None,
+    what: str | None = None,
+    settings: Mapping[str, str] | None = None,
+) -> FoundNetwork:
+    """The network of a kind for a scene: from a file, or shipped.
+
+    Args:
+        kind: denoiser, updater, direct or unrolled.
+        scene: what it shall be used for.
+        path: file; None searches those that are shipped, where an equal scene wins.
+        device: where the network shall be.
+        suits: tells whether a shipped network is the one that is meant; None takes the first.
+        what: the network in words, for messages.
+        settings: with which such a network is trained, for messages.
+
+    Raises:
+        InputError: no such file, or none shipped.
+        MismatchError: another kind of network, or only networks for other scenes.
+        DamagedDataError: a file is not what was written.
+    """
+    what = what or f"{kind} network"
+    if path is not None:
+        info = _info(Path(path))
+        if info.architecture.kind != kind:
+            raise MismatchError(f"{path!r} holds a {info.architecture.kind} network, not a {kind}; give one")
+        candidates = [Path(path)]
+    else:
+        infos = {file: _info(file) for file in shipped_weights()}
+        candidates = [f for f, i in infos.items() if i.architecture.kind == kind and (suits is None or suits(i))]
+        if not candidates:
+            raise InputError(
+                f"no {what} comes with this software; train one with: {train_command(kind, scene, settings)}, "
+                "and name its weights.safetensors as --set reconstruction.options.weights=FILE"
+            )
+        candidates.sort(key=lambda file: len(differences(scene, infos[file].scene)))
+    chosen = candidates[0]
+    name = repr(os.fspath(path)) if path is not None else f"shipped network {chosen.name!r}"
+    warnings = check_scene(scene, _info(chosen).scene, name, kind, str(device), settings)
+    loaded = load_weights(chosen, map_location=device)
+    return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, chosen.name, warnings)
+
+
+def _info(path: Path) -> WeightsInfo:
+    try:
+        changed = path.stat().st_mtime_ns
+    except OSError:
+        changed = 0  # what is wrong is said where it is read
+    return _cached_info(path, changed)
+
+
+@lru_cache(maxsize=32)
+def _cached_info(path: Path, changed: int) -> WeightsInfo:
+    return weights_info(path)

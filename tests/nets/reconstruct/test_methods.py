@@ -1,0 +1,220 @@
+"""Methods with networks: same interface, same record, best so far on Ctrl-C, and plain refusals."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.methods import ALL_METHODS, create
+from nets.reconstruct.polish import PolishOptions, polished
+from nets.reconstruct.record import network_image
+from nets.reconstruct.uncertainty import DIRECT
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.methods import METHODS
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+UNROLLED = {"config": {"unrolling": {"last_steps": 3}}}
+DENOISED = {"config": {"denoiser_weights": "denoiser.safetensors"}}
+
+
+@pytest.fixture
+def made(saved, scene):
+    """Makes a method on tiny networks."""
+
+    def make(name, *, is_random=False, **options):
+        if name == "direct":
+            options["weights"] = saved("direct", is_random=is_random)
+        elif name == "nsfc-unrolled":
+            options["weights"] = saved("unrolled", is_random=is_random, training=UNROLLED)
+        else:
+            options.setdefault("n_photons", 5000)
+            kind = "updater" if options.get("use_gradient", True) else "updater-no-gradient"
+            options["weights"] = saved(kind, is_random=is_random, training=DENOISED)
+            if options.get("denoise", True):
+                options["denoiser_weights"] = saved("denoiser")
+        return create(name, scene, **options)
+
+    return make
+
+
+CASES = [
+    ("direct", {"refine_iterations": 3}),
+    ("direct", {"refine": False, "symmetries": False}),
+    ("nsfc", {"max_iterations": 2}),
+    ("nsfc", {"max_iterations": 2, "denoise": False, "photons": "lattice"}),
+    ("nsfc", {"max_iterations": 2, "use_gradient": False}),
+    ("nsfc-unrolled", {"refine": False}),
+    ("nsfc-unrolled", {"symmetries": True, "refine_iterations": 2}),
+]
+
+
+@pytest.mark.parametrize(("name", "options"), CASES)
+def test_record_is_complete(made, scene, image, name, options):
+    """Fresh networks answer with what they were given: flat."""
+    seen = []
+    result = made(name, **options).reconstruct(image, progress=seen.append)
+    n, m = scene.height_samples, scene.image_pixels
+    assert result.method == name
+    assert result.heights_m.shape == (n, n) and result.heights_m.dtype == np.float64
+    assert result.image.shape == (3, m, m)
+    assert len(result.history) >= 1 and all(entry["elapsed_s"] > 0 for entry in result.history)
+    assert len(seen) >= len(result.history)
+    assert result.settings["network"]["content_hash"]
+    assert result.counters["energy"]["landed"]
+    if not options.get("refine", name != "nsfc"):
+        assert np.abs(result.heights_m).max() < 1e-12
+    assert (result.uncertainty_m is not None) == (name == "direct" and options.get("symmetries", True))
+
+
+def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
+    method = made("direct", is_random=True, refine=False)
+    result = method.reconstruct(image)
+    assert result.counters["symmetries"] == 8
+    answers = []
+    seen = network_image(image, method.scene, method.scene, torch.device("cpu"))
+    for turns in range(4):
+        for is_flipped in (False, True):
+            x = torch.rot90(seen, turns, (-2, -1))
+            with torch.no_grad():
+                y = method.network.module((x.flip(-1) if is_flipped else x)[None])[0]
+            answers.append(torch.rot90(y.flip(-1) if is_flipped else y, -turns, (-2, -1)))
+    answers = torch.stack(answers).double()
+    scale = float(answers.abs().max())
+    np.testing.assert_allclose(result.heights_m, answers.mean(0), atol=1e-5 * scale)
+    np.testing.assert_allclose(result.uncertainty_m, DIRECT.scale * answers.std(0), atol=1e-5 * scale)
+
+
+def test_refinement_never_raises_the_residual(made, image):
+    """A flat answer improves; with a step that ruins it, the answer is kept."""
+    plain = made("direct", refine=False).reconstruct(image)
+    better = made("direct", symmetries=False, refine_iterations=30, refine_step_m=5e-5).reconstruct(image)
+    assert better.counters["refinement"] == "kept" and better.residual < 0.98 * plain.residual
+    best = dataclasses.replace(image, irradiance=plain.image)
+    kept = made("direct", symmetries=False, refine_iterations=1, refine_step_m=1e-4).reconstruct(best)
+    assert kept.counters["refinement"] == "no better, discarded"
+    np.testing.assert_array_equal(kept.heights_m, plain.heights_m)
+
+
+def test_refinement_moves_only_where_the_network_is_unsure(scene, image, heights):
+    simulator, options = (
+        CausticSimulator(scene),
+        PolishOptions(refine_iterations=20, refine_step_m=2e-5, refine_pixels=64),
+    )
+    start = 0.9 * heights
+    spread = np.zeros_like(heights)
+    spread[:8] = 1e-3
+    found = polished(simulator, image, start, options, 0.0, None, spread)
+    free = polished(simulator, image, start, options, 0.0, None)
+    assert found.is_better and free.is_better
+    np.testing.assert_array_equal(found.heights[8:], start[8:])
+    np.testing.assert_allclose(found.heights[:8], free.heights[:8], rtol=1e-4, atol=1e-9)
+    assert np.abs(free.heights[8:] - start[8:]).max() > 1e-6
+
+
+@pytest.mark.parametrize("name", ["direct", "nsfc", "nsfc-unrolled"])
+def test_ctrl_c_returns_the_best_so_far(made, image, name):
+    def interrupt(state):
+        raise KeyboardInterrupt
+
+    result = made(name, is_random=True).reconstruct(image, progress=interrupt)
+    assert result.stop_reason == "interrupted"
+    assert len(result.history) == 1
+    assert np.isfinite(result.heights_m).all() and np.abs(result.heights_m).max() > 1e-9
+
+
+def test_time_limit(made, image):
+    result = made("nsfc", max_time_s=1e-6).reconstruct(image)
+    assert result.stop_reason == "max_time" and len(result.history) == 1
+    result = made("direct", max_time_s=1e-6).reconstruct(image)
+    assert result.stop_reason == "max_time" and result.counters["refinement"] == "no time left"
+
+
+def test_iterates_and_start(made, scene, image, heights):
+    """The first iterate is the start, the last the result; a fresh updater moves nothing."""
+    for name in ("nsfc", "nsfc-unrolled"):
+        method = made(name, keep_iterates=True, max_iterations=2, refine=False)
+        result = method.reconstruct(image, initial=heights)
+        assert result.iterates_m.shape == (3, scene.height_samples, scene.height_samples)
+        np.testing.assert_allclose(result.iterates_m[0], heights, atol=1e-9)
+        np.testing.assert_allclose(result.heights_m, result.iterates_m[-1], atol=1e-9)
+        assert result.history[0]["residual"] < 0.5
+
+
+def test_photons_repeat_with_the_seed(made, image):
+    results = [made("nsfc", is_random=True, max_iterations=1, seed=seed).reconstruct(image) for seed in (3, 3, 4)]
+    np.testing.assert_array_equal(results[0].heights_m, results[1].heights_m)
+    assert not np.array_equal(results[0].heights_m, results[2].heights_m)
+
+
+def test_brightness_does_not_matter(made, saved, scene, image):
+    """Twice the light through the plate and in the image: the same heights."""
+    bright = scene.model_copy(update={"radiosity_W_m2": (2.0, 3.0, 0.5)})
+    brighter = CausticImage(image.irradiance * np.array([2.0, 3.0, 0.5])[:, None, None])
+    path = saved("direct", is_random=True)
+    found = [
+        Direct(s, DirectOptions(weights=path, refine=False)).reconstruct(i)
+        for s, i in ((scene, image), (bright, brighter))
+    ]
+    np.testing.assert_allclose(found[0].heights_m, found[1].heights_m, atol=1e-4 * np.abs(found[0].heights_m).max())
+
+
+def test_dead_pixels_take_their_neighbours(scene):
+    irradiance = np.ones((3, 64, 64))
+    mask = np.ones(irradiance.shape, bool)
+    irradiance[0, 5, 5], mask[0, 5, 5] = 0.0, False
+    irradiance[1, 7, 7], mask[1, 7, 7] = 9.0, False
+    seen = network_image(CausticImage(irradiance, mask=mask), scene, scene, torch.device("cpu"))
+    assert seen[0, 5, 5] == pytest.approx(1) and seen[1, 7, 7] == 9 and seen[2].eq(1).all()
+
+
+def test_registry_has_all_methods():
+    assert {"auto", "direct", "nsfc", "nsfc-unrolled", *METHODS} == set(ALL_METHODS)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "error", "reason"),
+    [
+        ("direct", {}, InputError, "nsfc train direct --fresh"),
+        ("nsfc", {}, InputError, "training.denoiser_weights=DENOISER"),
+        ("nsfc", {"use_gradient": False}, InputError, "network.use_gradient=false"),
+        ("nsfc-unrolled", {}, InputError, "nsfc train unrolled --fresh"),
+        ("direct", {"weights": "none.safetensors"}, InputError, "none.safetensors"),
+        ("direct", {"refine_step": 1}, InputError, "direct.refine_step: unknown key"),
+        ("magic", {}, InputError, "auto, direct, nsfc"),
+    ],
+)
+def test_refusals(shipped, scene, name, options, error, reason):
+    with pytest.raises(error, match=reason) as caught:
+        create(name, scene, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_wrong_kind_and_wrong_ablation(saved, scene):
+    with pytest.raises(MismatchError, match="holds a unrolled network, not a direct"):
+        create("direct", scene, weights=saved("unrolled"))
+    with pytest.raises(MismatchError, match="trained with gradient, asked is one without"):
+        create("nsfc", scene, weights=saved("updater"), denoise=False, use_gradient=False)
+
+
+def test_another_scene_is_refused_with_the_command(saved, image):
+    other = Scene(height_samples=16, image_pixels=64, base_thickness_m=5e-3)
+    path = saved("direct")
+    with pytest.raises(
+        MismatchError, match=r"base_thickness_m is 0.003 there and 0.005 here; images differ by"
+    ) as caught:
+        create("direct", other, weights=path)
+    assert "nsfc train direct --fresh" in str(caught.value) and "scene.base_thickness_m=0.005" in str(caught.value)
+    with pytest.raises(MismatchError, match="image_pixels is 64 there and 128 here"):
+        create("direct", Scene(height_samples=16, image_pixels=128), weights=path)
+    with pytest.raises(MismatchError, match="radiosity"):
+        create("direct", Scene(height_samples=16, image_pixels=64, radiosity_W_m2=(1, 1, 0)), weights=path)
+
+
+def test_a_scene_that_hardly_differs_is_used_with_a_warning(saved, image):
+    other = Scene(height_samples=16, image_pixels=64, exit_medium="glass")
+    result = create("direct", other, weights=saved("direct"), refine=False).reconstruct(image)
+    assert any("exit_medium is air there and glass here" in warning for warning in result.warnings)
