@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-from matplotlib.ticker import NullFormatter, ScalarFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter, ScalarFormatter
 
 
 def main(sources: list[Path], target: Path) -> None:
@@ -29,9 +29,9 @@ def main(sources: list[Path], target: Path) -> None:
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks([0.1, 0.2, 0.5, 1, 2])
-    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.grid(True, which="both", alpha=0.3)
-    axes.legend()
+    axes.legend(loc="center")
     figure.savefig(target, dpi=110)
 
 
