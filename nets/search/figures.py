@@ -13,6 +13,9 @@ COLOURS = {TrialState.COMPLETE: "#1f77b4", TrialState.PRUNED: "#c9c9c9"}
 MAP = "viridis"
 """Dark is low, so good."""
 
+DIVERGED = 100.0
+"""Losses so many times the best are all drawn alike."""
+
 
 def history(trials: Sequence[FrozenTrial]) -> bytes | None:
     """Loss of each trial in the order of their numbers, and the best so far (PNG); None without trials."""
@@ -50,10 +53,12 @@ def curves(trials: Sequence[FrozenTrial]) -> bytes | None:
 
 
 def slices(trials: Sequence[FrozenTrial], space: Mapping[str, BaseDistribution]) -> bytes | None:
-    """Loss over each number of Tab. 2 (PNG); None without trials."""
+    """Loss over each number of Tab. 2 (PNG), capped at DIVERGED times the best; None without trials."""
     judged = [trial for trial in trials if _loss(trial) is not None]
     if not judged:
         return None
+    # A trial that diverged would squeeze all others into a line: it is drawn at the top edge.
+    most = DIVERGED * min(_loss(trial) or math.inf for trial in judged)
     columns = 4
     rows = -(-len(space) // columns)
     figure, grid = _figure(12.0, 2.6 * rows, rows, columns)
@@ -61,7 +66,7 @@ def slices(trials: Sequence[FrozenTrial], space: Mapping[str, BaseDistribution])
         values = [_place(found, trial.params[name]) for trial in judged]
         pruned = [trial.state == TrialState.PRUNED for trial in judged]
         colours = [COLOURS[TrialState.PRUNED] if is_pruned else COLOURS[TrialState.COMPLETE] for is_pruned in pruned]
-        axes.scatter(values, [_loss(trial) for trial in judged], c=colours, s=18)
+        axes.scatter(values, [min(_loss(trial) or 0.0, most) for trial in judged], c=colours, s=18)
         axes.set(xlabel=name, yscale="log")
         _ticks(axes.xaxis, found)
         if getattr(found, "log", False):
