@@ -18,7 +18,7 @@ from skimage.restoration import denoise_nl_means, estimate_sigma
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import make_sampler
-from data_gen.testset import testset_config
+from data_gen.testset import fields_config
 from nets.weights import load_weights
 
 SIGMAS_PX = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
@@ -55,7 +55,7 @@ def main() -> None:
         name: {"preset": "paper", "n_photons": int(count)}
         for name, count in zip(("noisy", "clean"), arguments.photons, strict=True)
     }
-    tree = testset_config(loaded.info.scene).model_dump() | {"kind": "denoiser", **photons}
+    tree = fields_config(loaded.info.scene).model_dump() | {"kind": "denoiser", **photons}
     sampler = make_sampler(DatasetConfig.model_validate(tree), arguments.device)
     arrays = sampler.draw(range(arguments.fields)).arrays
     noisy, clean = (arrays[name].astype(np.float32) for name in ("noisy", "clean"))

@@ -135,12 +135,12 @@ def load_config(
     tree: dict[str, Any] = Config().model_dump(mode="json")
     if source is not None:
         path = config_path(source)
-        tree = _merged(tree, _read_yaml(path), f"{path}: ")
+        tree = merged(tree, read_yaml(path), f"{path}: ")
     for setting in settings:
-        tree = _merged(tree, _parsed_setting(setting), f"--set {setting}: ")
+        tree = merged(tree, parsed_setting(setting), f"--set {setting}: ")
     for key, value in (overrides or {}).items():
         if value is not None:
-            tree = _merged(tree, _nested(key.split("."), value), "")
+            tree = merged(tree, nested(key.split("."), value), "")
     try:
         return Config.model_validate(tree)
     except pydantic.ValidationError as error:
@@ -232,7 +232,8 @@ def _parsed(text: str, name: str) -> Any:
         raise InputError(f"{name} is no YAML ({' '.join(str(error).split())[:120]})") from error
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Content of a configuration file; InputError says what is wrong with it."""
     content = path.read_bytes() if path.stat().st_size <= MAX_CONFIG_BYTES else b""
     if not content:
         raise InputError(f"{path} is larger than {MAX_CONFIG_BYTES} bytes; give a configuration file")
@@ -248,25 +249,27 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return tree
 
 
-def _parsed_setting(setting: str) -> dict[str, Any]:
+def parsed_setting(setting: str) -> dict[str, Any]:
+    """A --set value as nested sections: ``a.b=1`` is ``{"a": {"b": 1}}``."""
     key, equals, value = setting.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise InputError(f"--set {setting!r} is not KEY=VALUE; write for example --set scene.image_pixels=256")
-    return _nested(parts, _parsed(value, f"--set {setting}"))
+    return nested(parts, _parsed(value, f"--set {setting}"))
 
 
 # --------------------------------------------------------------------------- merging
 
 
-def _nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
+def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
+    """A value below sections of these names."""
     for part in reversed(parts):
         value = {part: value}
     nested: dict[str, Any] = value
     return nested
 
 
-def _merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
+def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
     """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
     if at == "reliefs." and over.get("pattern", base["pattern"]) != base["pattern"]:
         base = _pattern_defaults(over["pattern"], source)
@@ -282,7 +285,7 @@ def _merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "
                 raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
             result[key] = value
         elif isinstance(value, dict):
-            result[key] = _merged(base[key], value, source, f"{at}{key}.")
+            result[key] = merged(base[key], value, source, f"{at}{key}.")
         elif value is not None:  # an empty section changes nothing
             raise InputError(f"{source}{at}{key} is a section; give keys below it, got {value!r}")
     return result

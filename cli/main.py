@@ -118,14 +118,15 @@ def explained(error: Exception) -> tuple[str, int]:
         from warp_caustics.scene import validation_lines
 
         return "; ".join(validation_lines(error)), InputError.exit_code
-    if _is_out_of_memory(error):
+    if is_out_of_memory(error):
         return "out of memory; use fewer photons, a smaller image or another device", ResourceError.exit_code
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         return f"{error}; free space on the disk", ResourceError.exit_code
     return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
 
 
-def _is_out_of_memory(error: Exception) -> bool:
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether host or device had too little memory."""
     # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
     named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
     return named or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))

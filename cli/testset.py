@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cli.console import json_text
-from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, test_heights, test_images
+from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, field_heights, field_images
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import atomic_path
 from warp_caustics.io.heights import write_heights
@@ -36,8 +36,8 @@ def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"folder {directory!r} cannot be made ({error.strerror}); create its parent first") from error
-    heights = test_heights(scene, device)[:fields].astype(np.float64)
-    images = test_images(scene, device, fields=fields)
+    heights = field_heights(scene, device)[:fields].astype(np.float64)
+    images = field_images(scene, device, fields=fields)
     names = [f"field_{k}" for k in range(fields)]
     for name, relief, image in zip(names, heights, images, strict=True):
         write_heights(folder / f"{name}_heights.npy", relief)

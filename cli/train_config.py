@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pydantic
 
-from cli.config import MAX_PROBLEMS, _merged, _nested, _parsed_setting, _read_yaml, config_path
+from cli.config import MAX_PROBLEMS, config_path, merged, nested, parsed_setting, read_yaml
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
 from warp_caustics.scene import validation_lines
@@ -47,7 +47,7 @@ def new_run(
         tree = {**tree, "scene": stored["scene"], "reliefs": stored["reliefs"]}
     if source is not None:
         path = config_path(source)
-        tree = _merged(tree, _of_training(_read_yaml(path), kind), f"{path}: ")
+        tree = merged(tree, _of_training(read_yaml(path), kind), f"{path}: ")
     return _checked(tree, settings, overrides)
 
 
@@ -56,7 +56,7 @@ def resumed_run(folder: "str | PathLike[str]", settings: Sequence[str], override
     path = Path(folder, RESOLVED)
     if not path.is_file():
         raise InputError(f"{str(folder)!r} holds no {RESOLVED}, so no run to resume; leave out --resume")
-    return _checked(_read_yaml(path), settings, overrides)
+    return _checked(read_yaml(path), settings, overrides)
 
 
 def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
@@ -72,10 +72,10 @@ def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
 
 def _checked(tree: dict[str, Any], settings: Sequence[str], overrides: Mapping[str, Any]) -> RunConfig:
     for setting in settings:
-        tree = _merged(tree, _parsed_setting(setting), f"--set {setting}: ")
+        tree = merged(tree, parsed_setting(setting), f"--set {setting}: ")
     for key, value in overrides.items():
         if value is not None:
-            tree = _merged(tree, _nested(key.split("."), value), "")
+            tree = merged(tree, nested(key.split("."), value), "")
     try:
         return RunConfig.model_validate(tree)
     except pydantic.ValidationError as error:

@@ -19,6 +19,7 @@ from cli.comparison.run import privileged_knowledge, reconstruct, warm_up
 from cli.comparison.scores import Scorer
 from cli.comparison.specs import CONVERGED, ONCE, MethodSpec
 from cli.console import json_text, plain
+from cli.main import EXIT_BUG, is_out_of_memory
 from warp_caustics.errors import CausticsError, ResourceError
 from warp_caustics.io.atomic import atomic_path
 from warp_caustics.reconstruct.base import FloatArray, Reconstruction
@@ -27,8 +28,6 @@ from warp_caustics.simulator import usable_device
 
 FORMAT = 1
 """Raised whenever cells of an earlier version of this package must not be used."""
-
-EXIT_BUG = 1
 
 
 @dataclass(frozen=True)
@@ -186,9 +185,7 @@ def explained(error: Exception) -> tuple[str, int]:
     text = " ".join(str(error).split())[:300]
     if isinstance(error, CausticsError):
         return text, error.exit_code
-    # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
-    is_memory = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
-    if is_memory or (isinstance(error, RuntimeError) and "Failed to allocate" in text):
+    if is_out_of_memory(error):
         return "out of memory; use another device or a smaller scene", ResourceError.exit_code
     return f"unexpected {type(error).__name__}: {text}", EXIT_BUG
 

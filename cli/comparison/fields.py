@@ -20,7 +20,7 @@ from cli.comparison.code import code_version
 from cli.comparison.folds import fold_fraction
 from cli.reconstruct import read_inputs
 from data_gen.dataset_config import PhotonConfig, sample_generator, sample_seed
-from data_gen.testset import TEST_FIELDS, test_heights, testset_config
+from data_gen.testset import TEST_FIELDS, field_heights, fields_config
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.heights import read_heights
 from warp_caustics.io.noise import estimate_noise_std
@@ -84,8 +84,8 @@ def testset_sources(scene: Scene, device: str, count: int | None = None) -> list
     count = TEST_FIELDS if count is None else count
     if not 1 <= count <= TEST_FIELDS:
         raise InputError(f"{count} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
-    fingerprint = testset_config().sample_fingerprint()
-    heights = test_heights(scene, device)[:count].astype(np.float64)
+    fingerprint = fields_config().sample_fingerprint()
+    heights = field_heights(scene, device)[:count].astype(np.float64)
     return [Source(f"field_{k}", relief, (fingerprint, k)) for k, relief in enumerate(heights)]
 
 

@@ -1,21 +1,17 @@
 """All reconstruction methods by name: those without networks, those with, and ``auto``."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import pydantic
 import torch
 
 from nets.reconstruct.auto import Auto
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.nsfc import Nsfc, NsfcOptions
 from nets.reconstruct.unrolled import NsfcUnrolled, UnrolledOptions
-from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import Reconstructor
-from warp_caustics.reconstruct.methods import METHODS
-from warp_caustics.scene import Scene, validation_lines
-
-Maker = Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]
+from warp_caustics.reconstruct.methods import METHODS, Maker, create_from
+from warp_caustics.scene import Scene
 
 
 def _auto(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
@@ -60,9 +56,4 @@ def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **opt
         MismatchError: weights for another scene.
         ResourceError: the device is missing.
     """
-    if name not in ALL_METHODS:
-        raise InputError(f"method {name!r} is not known; use one of {', '.join(ALL_METHODS)}")
-    try:
-        return ALL_METHODS[name](scene, options, device)
-    except pydantic.ValidationError as error:
-        raise InputError("; ".join(validation_lines(error, name))) from error
+    return create_from(ALL_METHODS, name, scene, device, options)

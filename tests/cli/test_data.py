@@ -8,7 +8,7 @@ import pytest
 
 from cli.main import main
 from data_gen.store import CausticDataset
-from data_gen.testset import test_heights
+from data_gen.testset import field_heights
 from nets import build
 from nets.weights import save_weights
 from warp_caustics.io.heights import read_heights
@@ -126,12 +126,12 @@ def test_updater_images_can_be_denoised(tmp_path, capsys):
 def test_testset_writes_heights_and_images(tmp_path, capsys, monkeypatch):
     from data_gen.dataset_config import PhotonConfig
 
-    monkeypatch.setattr("data_gen.testset.test_images.__kwdefaults__", {
+    monkeypatch.setattr("data_gen.testset.field_images.__kwdefaults__", {
         "noise_std": 0.01, "photons": PhotonConfig(n_photons=4000, placement="stratified"), "fields": 10,
     })  # fmt: skip
     assert main(["data", "testset", str(tmp_path / "t"), "--fields", "2", "--device", "cpu", *SMALL[:4]]) == 0
     assert "field_1" in capsys.readouterr().out
-    np.testing.assert_allclose(read_heights(tmp_path / "t" / "field_1_heights.npy"), test_heights(SCENE)[1])
+    np.testing.assert_allclose(read_heights(tmp_path / "t" / "field_1_heights.npy"), field_heights(SCENE)[1])
     assert read_image(tmp_path / "t" / "field_0_image.tif").values.shape == (3, 16, 16)
     record = json.loads((tmp_path / "t" / "testset.json").read_text(encoding="utf-8"))
     assert record["fields"] == ["field_0", "field_1"]

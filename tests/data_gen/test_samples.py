@@ -6,7 +6,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.samples import Images, Reliefs, make_sampler
-from data_gen.testset import TEST_FIELDS, test_heights, test_images, testset_config
+from data_gen.testset import TEST_FIELDS, field_heights, field_images, fields_config
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError
 
@@ -116,18 +116,18 @@ def test_images_of_reseeded_photons_equal_those_of_a_new_simulator():
 
 def test_test_fields_are_fixed():
     """Ten fields with the flat guess about 400 um off; the same plates whatever the scene's resolution."""
-    fine, coarse = test_heights(), test_heights(Scene(height_samples=64))
+    fine, coarse = field_heights(), field_heights(Scene(height_samples=64))
     assert fine.shape == (TEST_FIELDS, 128, 128)
     # Narrow lines are averaged over 4 x 4 points of a cell in both.
     pooled = fine.reshape(TEST_FIELDS, 64, 2, 64, 2).mean(axis=(2, 4))
     assert np.sqrt(((pooled - coarse) ** 2).mean()) < 0.01 * np.sqrt((coarse**2).mean())
     rms = np.sqrt((fine.astype(np.float64) ** 2).mean(axis=(1, 2)))
     np.testing.assert_allclose(rms[:3] * 1e6, [189.00, 720.59, 288.60], atol=0.02)
-    assert testset_config().role == "test"
+    assert fields_config().role == "test"
 
 
 def test_test_images_are_reproducible_and_noisy():
     photons = PhotonConfig(n_photons=90000, placement="stratified")
-    clean, noisy, again = (test_images(SCENE, noise_std=s, photons=photons) for s in (0.0, 0.01, 0.01))
+    clean, noisy, again = (field_images(SCENE, noise_std=s, photons=photons) for s in (0.0, 0.01, 0.01))
     np.testing.assert_array_equal(noisy, again)
     assert np.std(noisy - clean) == pytest.approx(0.01, rel=0.02)

@@ -32,7 +32,10 @@ def _hcccd(scene: Scene, options: Mapping[str, Any], device: str | torch.device)
     return Hcccd(scene, HcccdOptions(**options), device)
 
 
-METHODS: dict[str, Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]] = {
+Maker = Callable[[Scene, Mapping[str, Any], str | torch.device], Reconstructor]
+"""Scene, options and device to method."""
+
+METHODS: dict[str, Maker] = {
     "refine": _refine,
     "sfc": _sfc,
     "transport": _transport,
@@ -53,9 +56,16 @@ def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **opt
         InputError: unknown method or option.
         ResourceError: the device is missing.
     """
-    if name not in METHODS:
-        raise InputError(f"method {name!r} is not known; use one of {', '.join(METHODS)}")
+    return create_from(METHODS, name, scene, device, options)
+
+
+def create_from(
+    methods: Mapping[str, Maker], name: str, scene: Scene, device: str | torch.device, options: Mapping[str, Any]
+) -> Reconstructor:
+    """The method of that name from a registry; see :func:`create`."""
+    if name not in methods:
+        raise InputError(f"method {name!r} is not known; use one of {', '.join(methods)}")
     try:
-        return METHODS[name](scene, options, device)
+        return methods[name](scene, options, device)
     except pydantic.ValidationError as error:
         raise InputError("; ".join(validation_lines(error, name))) from error

@@ -6,7 +6,7 @@ import pytest
 from cli.comparison import fields
 from cli.comparison.fields import file_sources, prepare, testset_sources
 from data_gen.dataset_config import PhotonConfig
-from data_gen.testset import test_images
+from data_gen.testset import field_images
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.images import write_image
 
@@ -24,7 +24,7 @@ def plate(tmp_path):
 def test_testset_is_that_of_the_data_command(tiny_scene, tmp_path):
     """The same plates, photons and noise as data_gen.testset, to the last bit."""
     prepared = prepare(testset_sources(tiny_scene, "cpu", 2), tiny_scene, FEW, 0.01, tmp_path, "cpu")
-    expected = test_images(tiny_scene, photons=FEW, fields=2)
+    expected = field_images(tiny_scene, photons=FEW, fields=2)
     assert [field.name for field in prepared] == ["field_0", "field_1"]
     for field, image in zip(prepared, expected, strict=True):
         np.testing.assert_array_equal(field.image.irradiance, image)
