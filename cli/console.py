@@ -75,18 +75,27 @@ def _bar() -> Iterator[Callable[["Progress"], None]]:
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("residual {task.fields[residual]:.4f}"),
+        TextColumn("{task.fields[residual]}"),
         TimeElapsedColumn(),
     )
     with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
-        task = bar.add_task("preparing", total=None, residual=math.nan)
+        task = bar.add_task("preparing", total=None, residual="")
 
         def show(state: "Progress") -> None:
             bar.update(
-                task, description=state.stage, completed=state.iteration, total=state.total, residual=state.residual
+                task,
+                description=state.stage,
+                completed=state.iteration,
+                total=state.total,
+                residual=_residual(state),
             )
 
         yield show
+
+
+def _residual(state: "Progress", before: str = "") -> str:
+    """Nothing where it is not known, as before a network's answer is simulated."""
+    return f"{before}residual {state.residual:.4f}" if math.isfinite(state.residual) else ""
 
 
 def _log_lines() -> Callable[["Progress"], None]:
@@ -98,8 +107,7 @@ def _log_lines() -> Callable[["Progress"], None]:
             return
         last = state.stage, state.elapsed_s
         click.echo(
-            f"[{state.elapsed_s:7.1f} s] {state.stage}: {state.iteration} of {state.total}, "
-            f"residual {state.residual:.4f}",
+            f"[{state.elapsed_s:7.1f} s] {state.stage}: {state.iteration} of {state.total}{_residual(state, ', ')}",
             err=True,
         )
 

@@ -39,6 +39,11 @@ def test_each_stage_is_announced(capsys):
     ]
 
 
+def test_a_residual_that_is_not_known_is_not_shown(capsys):
+    run(Console(), [Progress("network", 1, 2, float("nan"), 0.5)])
+    assert capsys.readouterr().err.splitlines() == ["[    0.5 s] network: 1 of 2"]
+
+
 class Terminal(io.StringIO):
     def isatty(self):
         return True
