@@ -12,7 +12,7 @@ from cli.options import config_options, device_option, integer, json_option, num
 
 if TYPE_CHECKING:
     from cli.config import Config
-    from warp_caustics.io.capture import Capture
+    from warp_caustics.capture.irradiance import Capture
     from warp_caustics.reconstruct.base import (
         CausticImage,
         FloatArray,
@@ -245,7 +245,7 @@ def read_inputs(
         transfer: tone curve of image, dark and flat.
         wavelength_order: wavelengths of the channels [nm].
     """
-    from warp_caustics.io.capture import capture_to_irradiance
+    from warp_caustics.capture.irradiance import capture_to_irradiance
     from warp_caustics.io.images import read_image
 
     frames = {kind: read_image(files[kind], transfer=transfer) for kind in ("dark", "flat") if kind in files}

@@ -4,8 +4,8 @@ Everything read is checked first and refused with one clear line; everything
 written appears complete or not at all. Importing this package loads no codec.
 """
 
+from warp_caustics.capture.irradiance import Capture, capture_to_irradiance
 from warp_caustics.io.atomic import atomic_path
-from warp_caustics.io.capture import Capture, capture_to_irradiance
 from warp_caustics.io.heights import read_heights, write_heights
 from warp_caustics.io.image_file import ImageFile
 from warp_caustics.io.images import read_image, write_image

@@ -1,0 +1,1 @@
+"""The page of a result: one file that opens anywhere, without a network."""

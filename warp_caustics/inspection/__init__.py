@@ -1,0 +1,1 @@
+"""A printed plate against its design: deviation, regions out of tolerance, fibres, volume, verdict."""
