@@ -16,7 +16,7 @@ class CaptureStage:
         text: one line of what was done, with numbers and units.
         before: the image going in, counts or W/m^2, shape [C, H, W]; None if there is nothing to see.
         after: the image coming out, likewise.
-        marks_px: points to draw on ``before`` as (x, y) from the centre of its first pixel, shape [N, 2]: corners found, say.
+        marks_px: points to draw on ``before``, (x, y) from the centre of its first pixel, shape [N, 2].
         figures: numbers of this step by name, their unit in the name.
     """
 
