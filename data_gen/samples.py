@@ -107,7 +107,9 @@ class Images:
         pixels = target.shape[-1] * target.shape[-2]
         for part in self._parts(len(ids)):
             leaf = heights[part].detach().clone().requires_grad_()
-            simulated = self._simulated(part, leaf, ids)
+            # A caller that fills a pool has gradients switched off.
+            with torch.enable_grad():
+                simulated = self._simulated(part, leaf, ids)
             with torch.no_grad():
                 shown = denoiser(simulated.detach()) if denoiser else simulated.detach()
                 residual = (shown - target[part]) / pixels

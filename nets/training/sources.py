@@ -26,6 +26,16 @@ from warp_caustics.errors import InputError, MismatchError
 
 Batch = dict[str, torch.Tensor]
 
+IMAGES = {
+    "denoiser": ("noisy", "clean"),
+    "updater": ("target", "simulated"),
+    "direct": ("image",),
+    "unrolled": ("image",),
+}
+"""Entries of a batch that are images."""
+HEIGHT_MAPS = {"denoiser": 0, "updater": 3, "direct": 1, "unrolled": 2}
+"""Entries of a batch that have the shape of the heights."""
+
 
 class Source(Protocol):
     """Batches by their number; each is a function of the configuration, its number and the rank."""
@@ -147,9 +157,9 @@ class ReplaySource:
     @property
     def bytes_needed(self) -> int:
         """Memory of the full pool."""
-        scene = self.fresh.config.scene
-        per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2
-        per_sample += 4 * scene.height_samples**2 * (2 if self.fresh.with_start else 1)
+        scene, kind = self.fresh.config.scene, self.fresh.config.kind
+        per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2 * len(IMAGES[kind])
+        per_sample += 4 * scene.height_samples**2 * HEIGHT_MAPS[kind]
         return self.slots * self.fresh.size * per_sample
 
     def batch(self, step: int) -> Batch:
@@ -180,7 +190,7 @@ class ReplaySource:
             first = self.rounds % self.slots * self.fresh.size
             for name, values in self.fresh.batch(self.rounds).items():
                 if name not in self.pool:
-                    dtype = torch.float16 if name == "image" else torch.float32
+                    dtype = torch.float16 if name in IMAGES[self.fresh.config.kind] else torch.float32
                     shape = (self.slots * self.fresh.size, *values.shape[1:])
                     self.pool[name] = torch.empty(shape, dtype=dtype, device=values.device)
                 # The brightest focal lines are cut, where float16 would be infinite.

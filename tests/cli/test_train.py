@@ -85,7 +85,6 @@ def test_an_earlier_run_is_not_overwritten(tmp_path, capsys):
         (["direct", "--fresh", "--set", "training.lr=1"], 3, "training.lr: unknown key"),
         (["direct", "--fresh", "--set", "training.learning_rate=-1"], 3, "training.learning_rate"),
         (["direct", "--fresh", "--seed", "-1"], 3, "training.seed"),
-        (["updater", "--fresh", "--set", "training.replay.size=9"], 3, "replay.size is for fresh samples of direct"),
         (["unrolled", "--fresh", "--set", "training.unrolling.start.direct=1"], 3, "give direct_weights"),
         (["direct", "--resume"], 3, "holds no config.resolved.yaml"),
         (["direct", "--resume", "--fresh"], 2, "--fresh does not go with --resume"),
