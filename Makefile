@@ -7,10 +7,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest accuracy bench bench-gpu clean
+.PHONY: help venv demo test lint types pytest accuracy bench bench-gpu train-weights clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-9s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-14s %s\n", $$1, $$2}'
 
 venv: $(STAMP) ## install everything into .venv (PYTHON and CONSTRAINTS may be given)
 
@@ -46,6 +46,9 @@ bench: $(STAMP) ## how fast the simulator is on this CPU, with its error
 
 bench-gpu: $(STAMP) ## the same on a GPU
 	$(BIN)/python -m benchmarks.speed --device cuda --json benchmarks/gpu.json
+
+train-weights: $(STAMP) ## train every network into weights_out/, about 35 minutes on one H200
+	NSFC=$(BIN)/nsfc examples/train_weights.sh weights_out
 
 clean: ## remove the environment and everything generated
 	rm -rf $(VENV) demo_output build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis

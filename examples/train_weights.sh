@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# Trains every network of this project: the one that ships, and the paper's with its two ablations.
+#
+#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 35 minutes on one H200
+#   ONLY="denoiser updater" examples/train_weights.sh OUT    some
+#
+# A run that is there already is continued, a finished one is left alone. Further arguments go to every `nsfc train`.
+set -euo pipefail
+out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
+shift
+extra=("$@")
+nsfc=${NSFC:-nsfc}
+only=${ONLY:-denoiser updater no-denoiser no-gradient direct}
+mkdir -p "$out"
+
+# train NAME KIND TIME OPTIONS...
+train() {
+    local name=$1 kind=$2 time=$3
+    shift 3
+    case " $only " in *" $name "*) ;; *) return 0 ;; esac
+    echo "== $name"
+    if [ -e "$out/$name/config.resolved.yaml" ]; then
+        $nsfc train "$kind" -o "$out/$name" --resume
+    else
+        $nsfc train "$kind" --fresh -o "$out/$name" --total-time "$time" "$@" ${extra[@]+"${extra[@]}"}
+    fi
+}
+
+# What the paper's networks share: samples as in its section 2, kept in a pool of the last ones because a sample takes
+# longer to simulate than to learn from; cosine decay, and an average of the weights, both within a fixed time.
+paper=(--precision bf16 --set training.schedule=cosine --set training.warmup_steps=100 --set training.ema_decay=0.999
+    --set training.clip_norm=1 --set training.patience=null --set training.steps_per_epoch=200
+    --set training.exported=float16 --set training.replay.size=4096 --set training.replay.fresh_per_step=2)
+
+train denoiser denoiser "${DENOISER_TIME:-300s}" --batch-size 8 "${paper[@]}"
+denoiser=$out/denoiser/weights.safetensors
+train updater updater "${UPDATER_TIME:-300s}" --batch-size 16 "${paper[@]}" --set "training.denoiser_weights=$denoiser"
+train no-denoiser updater "${UPDATER_TIME:-300s}" --batch-size 16 "${paper[@]}"
+train no-gradient updater "${UPDATER_TIME:-300s}" --preset paper-updater-no-gradient --batch-size 16 "${paper[@]}" \
+    --set "training.denoiser_weights=$denoiser"
+
+train direct direct "${DIRECT_TIME:-1020s}" --batch-size 64 --precision bf16 \
+    --set training.replay.size=12288 --set training.replay.fresh_per_step=32 --set training.compile=true \
+    --set training.patience=null --set training.exported=float16
