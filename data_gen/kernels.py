@@ -70,3 +70,90 @@ def stroke_kernel(is_quarter: bool) -> Any:
         heights[b, i, j] = total / wp.float32(supersampling * supersampling)
 
     return print_strokes
+
+
+@cache
+def line_derivative_kernel(is_quarter: bool) -> Any:
+    """Kernel ``line_derivatives``; the profile is ``quarter`` or else ``cosine``."""
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module="unique")
+    def line_derivatives(
+        lines: wp.array2d[wp.float32],
+        pitch_x: wp.float32,
+        pitch_y: wp.float32,
+        samples: wp.int32,
+        supersampling: wp.int32,
+        # outputs
+        heights: wp.array3d[wp.float32],
+        derivatives: wp.array4d[wp.float32],
+    ):
+        """Heights [L, n, n] of single lines [L, 6] (x0, y0, x1, y1, width, height), and derivatives [L, 6, n, n]."""
+        k, i, j = wp.tid()
+        x0 = lines[k, 0]
+        y0 = lines[k, 1]
+        x1 = lines[k, 2]
+        y1 = lines[k, 3]
+        width = lines[k, 4]
+        height = lines[k, 5]
+        along_x = x1 - x0
+        along_y = y1 - y0
+        inverse = 1.0 / wp.max(along_x * along_x + along_y * along_y, 1.0e-20)
+        step_x = pitch_x / wp.float32(supersampling)
+        step_y = pitch_y / wp.float32(supersampling)
+        corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch_x
+        corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch_y
+        total = wp.float32(0.0)
+        by_x0 = wp.float32(0.0)
+        by_y0 = wp.float32(0.0)
+        by_x1 = wp.float32(0.0)
+        by_y1 = wp.float32(0.0)
+        by_width = wp.float32(0.0)
+        by_height = wp.float32(0.0)
+        for sub in range(-1, supersampling * supersampling):
+            # The first round is the cell's centre: most cells are far from the line.
+            x = corner_x + 0.5 * pitch_x
+            y = corner_y + 0.5 * pitch_y
+            if sub >= 0:
+                x = corner_x + (wp.float32(sub % supersampling) + 0.5) * step_x
+                y = corner_y + (wp.float32(sub // supersampling) + 0.5) * step_y
+            from_x = x - x0
+            from_y = y - y0
+            nearest = wp.clamp((from_x * along_x + from_y * along_y) * inverse, 0.0, 1.0)
+            gap_x = from_x - nearest * along_x
+            gap_y = from_y - nearest * along_y
+            distance = wp.sqrt(gap_x * gap_x + gap_y * gap_y)
+            if sub < 0:
+                if distance > 0.5 * (width + pitch_x + pitch_y):
+                    break
+            elif distance < 0.5 * width:
+                angle = 3.14159265358979 * distance / width
+                shape = wp.float32(0.0)
+                slope = wp.float32(0.0)
+                if wp.static(is_quarter):
+                    shape = wp.cos(angle)
+                    slope = -wp.sin(angle)
+                else:
+                    shape = 0.5 * (1.0 + wp.cos(2.0 * angle))
+                    slope = -wp.sin(2.0 * angle)
+                # d(shape)/d(angle) = slope; angle = pi r / w. Moving the nearest point along the line changes r in
+                # second order only.
+                by_distance = height * slope * 3.14159265358979 / width
+                outward = by_distance / wp.max(distance, 1.0e-12)
+                total += height * shape
+                by_x0 -= outward * gap_x * (1.0 - nearest)
+                by_y0 -= outward * gap_y * (1.0 - nearest)
+                by_x1 -= outward * gap_x * nearest
+                by_y1 -= outward * gap_y * nearest
+                by_width -= by_distance * distance / width
+                by_height += shape
+        scale = 1.0 / wp.float32(supersampling * supersampling)
+        heights[k, i, j] = total * scale
+        derivatives[k, 0, i, j] = by_x0 * scale
+        derivatives[k, 1, i, j] = by_y0 * scale
+        derivatives[k, 2, i, j] = by_x1 * scale
+        derivatives[k, 3, i, j] = by_y1 * scale
+        derivatives[k, 4, i, j] = by_width * scale
+        derivatives[k, 5, i, j] = by_height * scale
+
+    return line_derivatives

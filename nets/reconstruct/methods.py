@@ -7,6 +7,7 @@ import torch
 
 from nets.reconstruct.auto import Auto
 from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.fibres.method import Fibres, FibresOptions
 from nets.reconstruct.nsfc import Nsfc, NsfcOptions
 from nets.reconstruct.unrolled import NsfcUnrolled, UnrolledOptions
 from warp_caustics.reconstruct.base import Reconstructor
@@ -22,6 +23,10 @@ def _direct(scene: Scene, options: Mapping[str, Any], device: str | torch.device
     return Direct(scene, DirectOptions(**options), device)
 
 
+def _fibres(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
+    return Fibres(scene, FibresOptions(**options), device)
+
+
 def _nsfc(scene: Scene, options: Mapping[str, Any], device: str | torch.device) -> Reconstructor:
     return Nsfc(scene, NsfcOptions(**options), device)
 
@@ -33,6 +38,7 @@ def _unrolled(scene: Scene, options: Mapping[str, Any], device: str | torch.devi
 ALL_METHODS: dict[str, Maker] = {
     "auto": _auto,
     "direct": _direct,
+    "fibres": _fibres,
     "nsfc": _nsfc,
     "nsfc-unrolled": _unrolled,
     **METHODS,

@@ -71,6 +71,8 @@ class Reconstruction:
         uncertainty_m: standard uncertainty of the heights [m], shape [n, n]; None where a method has none.
         iterates_m: relief before the first and after every iteration [m], shape [K + 1, n, n]; None where
             they were not kept.
+        fibres_m: printed lines that make up the relief, rows (x0, y0, x1, y1, width, height) [m], shape [L, 6]; None
+            where a method finds none.
     """
 
     method: str
@@ -85,6 +87,7 @@ class Reconstruction:
     warnings: tuple[str, ...] = ()
     uncertainty_m: FloatArray | None = None
     iterates_m: FloatArray | None = None
+    fibres_m: FloatArray | None = None
 
 
 class Reconstructor(ABC):

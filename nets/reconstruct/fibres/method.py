@@ -1,0 +1,207 @@
+"""``fibres``: relief by a network, its lines by least squares, and these fitted to the image.
+
+Printed plates are made of lines (Tab. 3). Where a relief found by a network can
+be written as a few of them, nothing but their numbers is left to find, and the
+image says these to a fraction of a micrometre. Where it cannot, or where the
+image is explained no better, the answer is that of ``direct``.
+"""
+
+import dataclasses
+import time
+from typing import Annotated, Any
+
+import torch
+from pydantic import Field
+
+from data_gen.config import Profile
+from data_gen.vectorise import lines_of_relief
+from data_gen.vectorise.model import LineModel
+from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.fibres.image_fit import ImageFit, TimeUp
+from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.polish import polished
+from nets.reconstruct.record import as_glass, finished, residual_of
+from nets.reconstruct.uncertainty import FIBRES
+from warp_caustics.reconstruct.base import (
+    CausticImage,
+    FloatArray,
+    Progress,
+    ProgressCallback,
+    Reconstruction,
+    Reconstructor,
+    StopReason,
+)
+from warp_caustics.reconstruct.refine import RefineOptions
+from warp_caustics.scene import Scene
+
+ITERATIONS = 40
+"""Of L-BFGS between jumps."""
+MIN_SPREAD_M = 1e-6
+
+
+class FibresOptions(DirectOptions):
+    """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
+
+    profile: Profile = "cosine"
+    """Of a line across."""
+    jumps: Annotated[int, Field(ge=0, le=20)] = 3
+    """Rounds of jumps, at most."""
+    most_lines: Annotated[int, Field(ge=1, le=500)] = 60
+
+
+class Fibres(Reconstructor):
+    """Network, lines, image.
+
+    Args:
+        scene: the set-up of the measurement.
+        options: see :class:`FibresOptions`.
+        device: where to compute.
+
+    Raises:
+        InputError: no network is shipped, or no such file.
+        MismatchError: the network is for another scene.
+    """
+
+    name = "fibres"
+
+    def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
+        self.scene, self.options = scene, options or FibresOptions()
+        plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
+        self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
+        self.device = self.network.device
+        self.polish = plain
+        self.model = LineModel(scene, self.options.profile, self.device)
+
+    def reconstruct(
+        self,
+        image: CausticImage,
+        *,
+        initial: FloatArray | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> Reconstruction:
+        """Recover the relief; see :class:`~warp_caustics.reconstruct.base.Reconstructor`.
+
+        ``Reconstruction.fibres_m`` holds the lines where they explain the image. Ctrl-C and ``max_time_s`` return the
+        best so far.
+        """
+        started = time.perf_counter()
+        answer = self.network.reconstruct(image, initial=initial, progress=progress)
+        if answer.stop_reason == "interrupted":
+            return dataclasses.replace(answer, method=self.name)
+        run = _Run(self, image, answer, started, progress)
+        return run.result()
+
+
+class _Run:
+    """One image: what was found so far."""
+
+    def __init__(
+        self,
+        method: Fibres,
+        image: CausticImage,
+        answer: Reconstruction,
+        started: float,
+        progress: ProgressCallback | None,
+    ):
+        self.method, self.image, self.answer = method, image, answer
+        self.started, self.progress = started, progress
+        self.history: list[dict[str, Any]] = list(answer.history)
+        self.reason: StopReason = "converged"
+        self.lines = torch.zeros(0, 6, dtype=torch.float64)
+        self.loss = float("inf")
+
+    def result(self) -> Reconstruction:
+        """Lines if they explain the image better than the network's relief, else that relief, refined."""
+        method, answer = self.method, self.answer
+        timings = {"network": time.perf_counter() - self.started}
+        try:
+            self._fit()
+        except KeyboardInterrupt:
+            self.reason = "interrupted"
+        except TimeUp:
+            self.reason = "max_time"
+        timings["fibres"] = time.perf_counter() - self.started - sum(timings.values())
+        heights, residual, spread = answer.heights_m, answer.residual, answer.uncertainty_m
+        counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
+        fibres = None
+        if len(self.lines):
+            found = as_glass(1e-3 * method.model.heights(self.lines).double().cpu().numpy(), method.scene)
+            of_lines = residual_of(method.network.simulator, self.image, found)[1]
+            counters |= {"residual_of_network": residual, "residual_of_fibres": of_lines}
+            if of_lines < residual:
+                heights, residual, fibres = found, of_lines, 1e-3 * self.lines.numpy()
+                counters["explained_by"] = "fibres"
+                if spread is not None:
+                    spread = FIBRES.scale / self._network_scale() * spread
+        if fibres is None and method.options.refine and self.reason == "converged":
+            heights = self._refined(heights, counters)
+            timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
+        result = finished(
+            method.name,
+            method.network.simulator,
+            self.image,
+            heights,
+            reason=self.reason,
+            history=self.history,
+            timings=timings,
+            counters=counters,
+            settings=method.options.model_dump() | {"network": method.network.network.record},
+            warnings=list(answer.warnings),
+            uncertainty=spread,
+        )
+        return dataclasses.replace(result, fibres_m=fibres)
+
+    def _fit(self) -> None:
+        method, scene = self.method, self.method.scene
+        heights = torch.as_tensor(self.answer.heights_m)
+        spread = torch.zeros_like(heights)
+        if self.answer.uncertainty_m is not None:
+            spread = torch.as_tensor(self.answer.uncertainty_m) / self._network_scale()
+        lines = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
+        pixels = method.options.refine_pixels
+        if pixels is None:
+            pixels = RefineOptions().resolved("height", False, scene, method.device.type).finest_pixels
+        assert pixels is not None
+        fit = ImageFit(scene, self.image, method.model, pixels, report=self._note)
+        coarse = fit
+        if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
+            coarse = ImageFit(scene, self.image, method.model, pixels // 2)
+        self._take(fit, lines)
+        for _ in range(method.options.jumps):
+            moved, has_jumped = jump(coarse, self.lines)
+            if not has_jumped or not self._take(fit, moved):
+                break
+        self._take(fit, self.lines)
+
+    def _take(self, fit: ImageFit, lines: torch.Tensor) -> bool:
+        """Descend, and keep the lines if they are better."""
+        found = fit.descend(lines, self.method.options.max_iterations or ITERATIONS)
+        if found.loss >= self.loss:
+            return False
+        self.lines, self.loss = found.lines, found.loss
+        return True
+
+    def _note(self, loss: float) -> None:
+        elapsed = time.perf_counter() - self.started
+        number = len(self.history) + 1
+        entry = {"stage": "fibres", "iteration": number, "residual": None, "objective": loss, "elapsed_s": elapsed}
+        self.history.append(entry)
+        if self.progress is not None:
+            total = (self.method.options.jumps + 2) * ITERATIONS
+            self.progress(Progress("fibres", number, max(total, number), float("nan"), elapsed))
+        limit = self.method.options.max_time_s
+        if limit is not None and elapsed > limit:
+            raise TimeUp
+
+    def _network_scale(self) -> float:
+        from nets.reconstruct.uncertainty import DIRECT
+
+        return DIRECT.scale
+
+    def _refined(self, heights: FloatArray, counters: dict[str, Any]) -> FloatArray:
+        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / self._network_scale()
+        elapsed = time.perf_counter() - self.started
+        simulator = self.method.network.simulator
+        found = polished(simulator, self.image, heights, self.method.polish, elapsed, self.progress, spread)
+        counters["refinement"] = "no time left" if found is None else "kept" if found.is_better else "discarded"
+        return heights if found is None else found.heights
