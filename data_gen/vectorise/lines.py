@@ -42,4 +42,4 @@ def lines_of_relief(
             found.prune()
             if len(found.lines) == count:
                 break
-    return fit_lines(model, found.lines, relief, found.sigma, iterations=15, supersampling=4)[0]
+    return fit_lines(model, found.lines, relief, found.sigma, iterations=15)[0]

@@ -37,6 +37,7 @@ class LineModel:
         profile: of a line across.
         device: where to compute.
         limits: what a line may be.
+        supersampling: a sample is the mean of supersampling^2 points of its cell; 1 takes the height at its centre.
     """
 
     def __init__(
@@ -45,21 +46,21 @@ class LineModel:
         profile: Profile = "cosine",
         device: str | torch.device = "cpu",
         limits: Limits | None = None,
+        supersampling: int = 4,
     ):
         self.scene, self.profile, self.device = scene, profile, torch.device(device)
-        self.limits = limits or Limits()
+        self.limits, self.supersampling = limits or Limits(), supersampling
         self.n = scene.height_samples
         half = torch.tensor([500 * size for size in scene.plate_size_m]) * self.limits.reach
         (low_w, high_w), (low_h, high_h) = self.limits.width_mm, self.limits.height_mm
         self._low = torch.tensor([*(-half).tolist() * 2, low_w, low_h], dtype=torch.float64)
         self._high = torch.tensor([*half.tolist() * 2, high_w, high_h], dtype=torch.float64)
 
-    def parts(self, lines: torch.Tensor, supersampling: int = 4) -> tuple[torch.Tensor, torch.Tensor]:
+    def parts(self, lines: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Each line alone, and its derivatives.
 
         Args:
             lines: shape [L, 6] [mm], float64.
-            supersampling: a sample is the mean of supersampling^2 points of its cell.
 
         Returns:
             Heights [mm], shape [L, n, n], and derivatives, shape [L, 6, n, n], float32, on the device.
@@ -80,16 +81,16 @@ class LineModel:
                     pitch_x,
                     pitch_y,
                     n,
-                    supersampling,
+                    self.supersampling,
                 ],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
         return heights, derivatives
 
-    def heights(self, lines: torch.Tensor, supersampling: int = 4) -> torch.Tensor:
+    def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together [mm], shape [n, n], float32."""
-        return self.parts(lines, supersampling)[0].sum(dim=0)
+        return self.parts(lines)[0].sum(dim=0)
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:
         """Lines within the limits, shape [L, 6] [mm]."""

@@ -10,7 +10,12 @@ from data_gen.vectorise.robust import fit_lines, loss_of
 PENALTY = 20.0
 """Loss that a line must save. Six numbers for 16,384 heights would be worth 6/2 ln 16384 = 29 if their errors were
 independent, and half of it on the loss's scale; chosen on own fields."""
-RIDGES = 4
+RIDGES = 10
+"""Highest points through which lines are proposed."""
+FOLLOWED = 8
+"""Proposals that are fitted."""
+LOW_MM = 0.1
+"""Height given to proposals from residuals relative to their expected size, whose height is no height."""
 RIVAL = 0.2
 """Overlap (cosine of the angle between heights) from which one line may take another's place."""
 HOPELESS = 150.0
@@ -55,23 +60,26 @@ class LineSet:
         return grown
 
     def _best_addition(self) -> tuple[torch.Tensor | None, float]:
-        rest = self.relief - self.model.heights(self.lines, 2)
+        rest = self.relief - self.model.heights(self.lines)
         # Large residuals, and residuals that are large for their place.
         shown = (rest / (1 + (self.spread / 0.05).square()).sqrt(), rest / self.sigma)
         size = tuple(1e3 * length for length in self.model.scene.plate_size_m)
+        ridges = [proposed_lines(view.double().cpu().numpy(), (size[0], size[1]), RIDGES) for view in shown]
+        ridges[1][:, 5] = LOW_MM
         best, least = None, np.inf
-        for view in shown:
-            ridges = proposed_lines(view.double().cpu().numpy(), (size[0], size[1]), RIDGES)
-            if view is shown[1]:
-                ridges[:, 5] = 0.1
-            for ridge in ridges:
-                tried = torch.cat([self.lines, torch.from_numpy(ridge)[None]])
-                tried, loss = fit_lines(
-                    self.model, tried, self.relief, self.sigma, iterations=8, only=[len(self.lines)]
-                )
-                if loss < least:
-                    best, least = tried, loss
+        for ridge in self._promising(rest, torch.from_numpy(np.concatenate(ridges))):
+            tried = torch.cat([self.lines, ridge[None]])
+            tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=[len(self.lines)])
+            if loss < least:
+                best, least = tried, loss
         return best, least
+
+    def _promising(self, rest: torch.Tensor, ridges: torch.Tensor) -> torch.Tensor:
+        """Those of the lines that lower the loss most as they are."""
+        heights = self.model.parts(ridges)[0]
+        squared = ((rest - heights) / self.sigma).square()
+        loss = (squared / (1 + squared)).flatten(1).sum(dim=1)
+        return ridges[loss.cpu().argsort()[:FOLLOWED]]
 
     def merge(self) -> None:
         """Make one line of two that continue each other, where that costs less than a line saves."""
@@ -108,7 +116,7 @@ class LineSet:
 
     def _without(self, k: int) -> tuple[torch.Tensor, float]:
         """The other lines in place of all, those that cover the same plate moved first, and their loss."""
-        parts = self.model.parts(self.lines, 1)[0].flatten(1)
+        parts = self.model.parts(self.lines)[0].flatten(1)
         norms = parts.norm(dim=1).clamp_min(1e-12)
         shared = (parts @ parts[k]) / (norms * norms[k])
         rivals = [j - (j > k) for j in range(len(self.lines)) if j != k and float(shared[j]) > RIVAL]
@@ -116,7 +124,7 @@ class LineSet:
         if rivals:
             kept, loss = fit_lines(self.model, kept, self.relief, self.sigma, iterations=8, only=rivals)
         else:
-            loss = loss_of(self.relief - self.model.heights(kept, 2), self.sigma)
+            loss = loss_of(self.relief - self.model.heights(kept), self.sigma)
         if loss > self.loss + PENALTY + HOPELESS:
             return kept, loss
         return fit_lines(self.model, kept, self.relief, self.sigma, iterations=6)

@@ -35,7 +35,6 @@ def fit_lines(
     *,
     iterations: int = 20,
     only: list[int] | None = None,
-    supersampling: int = 2,
 ) -> tuple[torch.Tensor, float]:
     """Lines moved so that they explain a relief.
 
@@ -46,7 +45,6 @@ def fit_lines(
         sigma_mm: expected size of what lines do not explain, shape [n, n] [mm].
         iterations: at most.
         only: indices of the lines to move; all if None.
-        supersampling: of the model.
 
     Returns:
         The lines and their loss.
@@ -54,11 +52,11 @@ def fit_lines(
     lines = lines.clone()
     chosen = list(range(len(lines))) if only is None else only
     others = [k for k in range(len(lines)) if k not in set(chosen)]
-    goal = relief_mm - model.heights(lines[others], supersampling)
+    goal = relief_mm - model.heights(lines[others])
     if not chosen:
         return lines, loss_of(goal, sigma_mm)
     moving, damping = lines[chosen], 1e-2
-    heights, derivatives = model.parts(moving, supersampling)
+    heights, derivatives = model.parts(moving)
     residual = goal - heights.sum(dim=0)
     loss = loss_of(residual, sigma_mm)
     for _ in range(iterations):
@@ -72,7 +70,7 @@ def fit_lines(
         for _trial in range(_TRIALS):
             step = torch.linalg.solve(normal + damping * torch.diag(scale), right).reshape(-1, 6)
             tried = model.clamped(moving + torch.minimum(torch.maximum(step, -MAX_STEP), MAX_STEP))
-            heights, found = model.parts(tried, supersampling)
+            heights, found = model.parts(tried)
             rest = goal - heights.sum(dim=0)
             new = loss_of(rest, sigma_mm)
             if new < loss:

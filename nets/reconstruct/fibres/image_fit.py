@@ -122,7 +122,7 @@ class ImageFit:
         self, lines: torch.Tensor
     ) -> tuple[Callable[[FloatArray], torch.Tensor], Callable[[FloatArray], FloatArray]]:
         """Coordinates in which a unit step changes the heights by STEP_MM; and how gradients follow."""
-        jacobian = self.model.parts(lines, 2)[1].reshape(lines.numel(), -1)
+        jacobian = self.model.parts(lines)[1].reshape(lines.numel(), -1)
         normal = (jacobian @ jacobian.T).double().cpu().numpy() / jacobian.shape[1]
         scale = np.sqrt(np.diag(normal)) + 1e-6
         factor = np.linalg.cholesky(normal / np.outer(scale, scale) + RIDGE * np.eye(len(scale)))

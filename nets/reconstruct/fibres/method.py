@@ -36,7 +36,6 @@ from warp_caustics.scene import Scene
 
 ITERATIONS = 40
 """Of L-BFGS between jumps."""
-MIN_SPREAD_M = 1e-6
 
 
 class FibresOptions(DirectOptions):
@@ -157,16 +156,16 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / self._network_scale()
-        lines = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
         pixels = method.options.refine_pixels
         if pixels is None:
             pixels = RefineOptions().resolved("height", False, scene, method.device.type).finest_pixels
         assert pixels is not None
+        lines = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
         fit = ImageFit(scene, self.image, method.model, pixels, report=self._note)
+        self._take(fit, lines)
         coarse = fit
         if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
             coarse = ImageFit(scene, self.image, method.model, pixels // 2)
-        self._take(fit, lines)
         for _ in range(method.options.jumps):
             moved, has_jumped = jump(coarse, self.lines)
             if not has_jumped or not self._take(fit, moved):

@@ -90,7 +90,7 @@ def test_fit_moves_only_what_it_may():
     sigma = torch.full((64, 64), 0.05)
     found, loss = fit_lines(MODEL, off, 1e3 * relief_of(LINES), sigma, only=[1])
     assert torch.equal(found[[0, 2]], off[[0, 2]]) and not torch.equal(found[1], off[1])
-    all_found, least = fit_lines(MODEL, off, 1e3 * relief_of(LINES), sigma, iterations=60, supersampling=4)
+    all_found, least = fit_lines(MODEL, off, 1e3 * relief_of(LINES), sigma, iterations=60)
     assert least < loss and least < 1e-3
     np.testing.assert_allclose(all_found.numpy(), LINES.numpy(), atol=0.02)
 
@@ -103,8 +103,7 @@ def test_a_line_cut_in_two_is_one_again():
     lines.lines = torch.cat([halves, LINES[1:]])
     lines.focus(0.01)
     lines.merge()
-    # Coarse sampling in the search costs 2 um; the last fit has it fine.
-    assert len(lines.lines) == 3 and error_um(lines.lines, relief_of(LINES)) < 4.0
+    assert len(lines.lines) == 3 and error_um(lines.lines, relief_of(LINES)) < 1.0
 
 
 def test_a_line_too_many_is_removed():

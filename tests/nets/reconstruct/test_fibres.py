@@ -1,0 +1,145 @@
+"""Lines from a network's answer and an image, on a small scene."""
+
+import numpy as np
+import pytest
+import torch
+
+import nets.reconstruct.direct as direct_module
+from data_gen.vectorise.model import LineModel
+from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.image_moves import jump, jumps, suspects
+from nets.reconstruct.methods import create
+from warp_caustics.errors import InputError
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+N = 48
+SCENE = Scene(height_samples=N, image_pixels=4 * N)
+LINES = torch.tensor(
+    [[-15.0, -12.0, 14.0, 9.0, 4.0, 0.7], [-9.0, 15.0, 10.0, -16.0, 3.2, 0.9], [-18.0, 5.0, 17.0, 15.0, 4.4, 0.5]],
+    dtype=torch.float64,
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return LineModel(SCENE)
+
+
+@pytest.fixture(scope="module")
+def image(model):
+    """With 1 % noise."""
+    simulated = CausticSimulator(SCENE)(1e-3 * model.heights(LINES)).numpy()
+    noise = np.random.default_rng(0).standard_normal(simulated.shape)
+    return CausticImage((simulated + 0.01 * noise).astype(np.float32), np.full(3, 0.01))
+
+
+def error_um(model, lines, expected=LINES):
+    return 1e3 * float((model.heights(lines) - model.heights(expected)).square().mean().sqrt())
+
+
+def test_gradient_with_respect_to_lines(model, image):
+    """Along a random direction, against central differences."""
+    model = LineModel(SCENE, supersampling=8)
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    off = LINES + 0.1
+    parts, derivatives = model.parts(off)
+    _, gradient = fit.with_gradient(parts.sum(0))
+    direction = torch.randn(off.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    slope = float((derivatives.flatten(2) @ gradient.flatten()).double().flatten() @ direction.flatten())
+    step = 1e-3
+    ahead, behind = (fit.loss(model.heights(off + s * step * direction)) for s in (1, -1))
+    assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.05)
+
+
+def test_descent_finds_the_lines_from_near(model, image):
+    shift = torch.tensor([0.3, -0.2, -0.2, 0.3, 0.2, -0.05], dtype=torch.float64)
+    fit = ImageFit(SCENE, image, model, 4 * N)
+    start = LINES + shift
+    found = fit.descend(start, 40)
+    assert error_um(model, start) > 20 and error_um(model, found.lines) < 1.0
+    assert found.loss <= fit.loss(model.heights(LINES)) * 1.01
+    again = fit.descend(LINES[:0], 5)
+    assert len(again.lines) == 0 and again.loss > found.loss
+
+
+def test_a_short_line_jumps_to_its_length(model, image):
+    """What descent does not: the last 8 mm of a line are missing."""
+    short = LINES.clone()
+    along = (short[0, 2:4] - short[0, :2]) / (short[0, 2:4] - short[0, :2]).norm()
+    short[0, 2:4] -= 8 * along
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    moved, has_jumped = jump(fit, short)
+    assert has_jumped and error_um(model, moved) < 0.3 * error_um(model, short)
+    assert suspects(fit, model, model.parts(short)[0])[0] == 0
+    right, jumped_again = jump(fit, LINES)
+    assert not jumped_again and torch.equal(right, LINES)
+
+
+def test_jumps_change_one_thing_at_a_time():
+    changed = torch.stack(list(jumps(LINES[0]))) - LINES[0]
+    assert len(changed) == 2 * 7 + 3 * 4 and changed.abs().sum(1).min() > 0
+    ends = (changed[:, :4].abs() > 0).any(1)
+    assert not (ends & (changed[:, 4:].abs() > 0).any(1)).any()
+
+
+@pytest.fixture
+def answering(monkeypatch, saved):
+    """A method ``fibres`` whose network says what it is told."""
+
+    def make(heights_m, **options):
+        def answers(network, images):
+            found = torch.as_tensor(heights_m, dtype=torch.float32)
+            return found.expand(len(images), *found.shape).clone()
+
+        monkeypatch.setattr(direct_module, "direct_answers", answers)
+        weights = saved("direct", scene=SCENE)
+        return create("fibres", SCENE, weights=weights, symmetries=False, **options)
+
+    return make
+
+
+def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering):
+    truth = 1e-3 * model.heights(LINES).double().numpy()
+    wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
+    wrong[20:24, 20:24] += 1e-4
+    result = answering(wrong, refine_pixels=4 * N).reconstruct(image)
+    error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
+    assert result.counters["explained_by"] == "fibres" and error < 1.0
+    assert result.fibres_m.shape == (3, 6) and result.method == "fibres"
+    assert result.residual < result.counters["residual_of_network"]
+    heights = [entry["elapsed_s"] for entry in result.history]
+    assert heights == sorted(heights)
+
+
+def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answering):
+    """A smooth bump, exactly found by the network: lines cannot do better."""
+    centre = (np.arange(N) + 0.5) / N - 0.5
+    bump = 1e-4 * np.exp(-(centre[:, None] ** 2 + centre[None] ** 2) / 0.08)
+    seen = CausticSimulator(SCENE)(torch.tensor(bump, dtype=torch.float32)).numpy()
+    result = answering(bump, refine=False, most_lines=4).reconstruct(CausticImage(seen))
+    assert result.counters["explained_by"] == "network" and result.fibres_m is None
+    np.testing.assert_allclose(result.heights_m, bump, atol=1e-9)
+
+
+def test_nothing_printed(answering):
+    flat = np.zeros((N, N))
+    seen = CausticSimulator(SCENE)(torch.zeros(N, N)).numpy()
+    result = answering(flat, refine=False).reconstruct(CausticImage(seen))
+    assert result.counters["fibres"] == 0 and result.fibres_m is None and not result.heights_m.any()
+
+
+def test_limits(model, image, answering):
+    truth = 1e-3 * model.heights(LINES).double().numpy()
+    late = answering(truth, max_time_s=1e-3).reconstruct(image)
+    assert late.stop_reason == "max_time" and np.isfinite(late.heights_m).all()
+
+    def interrupt(progress):
+        if progress.stage == "fibres":
+            raise KeyboardInterrupt
+
+    stopped = answering(truth).reconstruct(image, progress=interrupt)
+    assert stopped.stop_reason == "interrupted" and np.isfinite(stopped.heights_m).all()
+    with pytest.raises(InputError, match="profile"):
+        create("fibres", SCENE, profile="round")
