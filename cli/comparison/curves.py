@@ -58,6 +58,8 @@ def fold_scatter(rows: Sequence[Row], budgets: Sequence[str]) -> bytes:
                 style = _style(index) | {"label": method, "linestyle": "", "alpha": 0.85}
                 axes.plot(*zip(*points, strict=True), **style)
         axes.set(xlabel="share of the plate that is folded [%]", ylabel=label)
+        most = 100 * max((row["fold_fraction"] for row in rows), default=0.0)
+        axes.set_xlim(-0.04 * max(most, 1.0), 1.04 * max(most, 1.0))
         _finish(axes)
     _legend(figure, panels)
     return png(figure)

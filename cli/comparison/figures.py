@@ -14,7 +14,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
 from cli.comparison.fields import Field
-from cli.comparison.glass import FAR_SCREEN_M, FarScreen, exaggeration, lit_glass
+from cli.comparison.glass import FAR_SCREEN_M, FarScreen
+from cli.lit_glass import exaggeration, lit_glass
 from cli.overview import BRIGHTEST_PERCENT, rgb_composite
 from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
@@ -27,6 +28,7 @@ LINEAR = 100
 
 DPI = 90
 _PANEL_IN = 1.42
+_BAR_IN = 0.12
 _SHOWN_QUANTILE = 0.98
 
 
@@ -50,7 +52,7 @@ class Sheets:
     def truth(self) -> bytes:
         """PNG of what is to be found: lit glass, caustic seen from afar, the image given to methods, heights."""
         titles = ("as lit glass", f"caustic, screen\nat {FAR_SCREEN_M * 1e3:g} mm", "image given\nto methods", "height")
-        figure, panels = self._figure(titles)
+        figure, panels, beside = self._figure(titles)
         drawn: Any = None
         for column, field in enumerate(self.fields):
             title = f"{field.name}\n{field.folds:.1%} folded"
@@ -59,7 +61,7 @@ class Sheets:
             white = float(np.percentile(field.image.irradiance, BRIGHTEST_PERCENT)) or 1.0
             self._show(panels[2, column], rgb_composite(field.image.irradiance, self.scene.wavelengths_m, white))
             drawn = self._show(panels[3, column], field.heights_m * 1e6, cmap="viridis", vmin=0, vmax=self.limit_um)
-        _bar(figure, drawn, panels[3, :])
+        _bar(figure, drawn, beside)
         return png(figure)
 
     def found(self, heights: Mapping[str, FloatArray | None], rmse_um: Mapping[str, float | None]) -> bytes:
@@ -69,7 +71,7 @@ class Sheets:
             heights: recovered reliefs by field [m], shape [n, n].
             rmse_um: relief RMSE by field [um].
         """
-        figure, panels = self._figure(
+        figure, panels, beside = self._figure(
             ("as lit glass", f"caustic, screen\nat {FAR_SCREEN_M * 1e3:g} mm", "found - true")
         )
         drawn: Any = None
@@ -84,9 +86,11 @@ class Sheets:
             self._caustic(panels[1, column], field, relief)
             error = (relief - field.heights_m) * 1e6
             drawn = self._show(panels[2, column], error, cmap="RdBu_r", norm=self._error_scale())
-        if drawn is not None:
+        if drawn is None:
+            beside.remove()
+        else:
             ticks = [sign * self.limit_um / step for sign, step in ((-1, 1), (-1, 10), (-1, LINEAR), (1, LINEAR))]
-            bar = _bar(figure, drawn, panels[2, :])
+            bar = _bar(figure, drawn, beside)
             bar.set_ticks([*ticks, 0, self.limit_um / 10, self.limit_um], minor=False)
             bar.ax.yaxis.set_major_formatter("{x:g}")
             bar.minorticks_off()
@@ -96,17 +100,21 @@ class Sheets:
         """Of all differences: linear near 0, so that good and bad methods can both be read from it."""
         return SymLogNorm(self.limit_um / LINEAR, vmin=-self.limit_um, vmax=self.limit_um)
 
-    def _figure(self, titles: Sequence[str]) -> tuple[Figure, Any]:
+    def _figure(self, titles: Sequence[str]) -> tuple[Figure, Any, Axes]:
         rows, columns = len(titles), len(self.fields)
         size = (_PANEL_IN * columns + 1.5, _PANEL_IN * rows + 0.5)
         figure = Figure(
             figsize=size, dpi=DPI, layout=ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
         )
         FigureCanvasAgg(figure)
-        panels = figure.subplots(rows, columns, squeeze=False)
+        # A column of its own for the colour bar, so that all rows are aligned.
+        grid = figure.subplots(rows, columns + 1, squeeze=False, width_ratios=[*[1.0] * columns, _BAR_IN / _PANEL_IN])
+        panels = grid[:, :columns]
+        for axes in grid[:-1, -1]:
+            axes.remove()
         for row, title in enumerate(titles):
             panels[row, 0].set_ylabel(title, fontsize=8)
-        return figure, panels
+        return figure, panels, grid[-1, -1]
 
     def _show(self, axes: Axes, values: FloatArray, **options: Any) -> Any:
         axes.set_xticks([])
@@ -126,9 +134,9 @@ class Sheets:
         self._show(axes, rgb_composite(self.far(heights_m), self.scene.wavelengths_m, self.far_white[field.name]))
 
 
-def _bar(figure: Figure, drawn: Any, panels: Any) -> Any:
-    """Colour bar of a row, in micrometres."""
-    bar = figure.colorbar(drawn, ax=panels, extend="both", pad=0.01)
+def _bar(figure: Figure, drawn: Any, beside: Axes) -> Any:
+    """Colour bar of the last row, in micrometres."""
+    bar = figure.colorbar(drawn, cax=beside, extend="both")
     bar.set_label("um", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     return bar

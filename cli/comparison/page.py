@@ -2,20 +2,18 @@
 
 import base64
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import jinja2
 
 from cli.comparison.curves import fold_scatter, iteration_curves
 from cli.comparison.figures import MAX_COLUMNS, Sheets
 from cli.comparison.schedule import Setup
 from cli.comparison.specs import CONVERGED, ONCE
 from cli.comparison.table import MEASURES, Row, by_field, summary, summary_by_folds
+from cli.report.template import page_file, render_page
 from warp_caustics.io.atomic import atomic_path
 
-TEMPLATE = "page.html.j2"
+_PACKAGE = "cli.comparison"
 
 
 def write_page(
@@ -30,29 +28,31 @@ def write_page(
         rows: the same as flat rows.
         about: what was compared.
     """
-    source = resources.files("cli.comparison").joinpath(TEMPLATE).read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.lstrip_blocks = True
-    environment.filters["figure"] = lambda value: "" if value is None else f"{value:.4g}"
-    environment.filters["column"] = column_name
     budgets = list(about["iterations"])
     sheets = Sheets(list(setup.fields.values()), setup.scene, setup.device)
-    text = environment.from_string(source).render(
+    folds = summary_by_folds(rows)
+    text = render_page(
+        _PACKAGE,
+        "page.html.j2",
+        own_style=page_file(_PACKAGE, "page.css"),
+        script=page_file(_PACKAGE, "page.js"),
+        column=column_name,
         about=about,
         measures=MEASURES,
         fields=list(setup.fields),
         summary=summary(rows),
-        by_folds=summary_by_folds(rows),
+        # With all fields in one bin it would say the summary again.
+        by_folds=folds if len({row["fold_bin"] for row in folds}) > 1 else [],
         by_field=by_field(rows),
         rows=rows,
-        failures=[row for row in rows if row["status"] == "failed"],
+        failures=_failures(rows),
         warnings=_warnings(rows),
         truth=_inline(sheets.truth()),
         curves=_inline(iteration_curves(rows, budgets)),
         scatter=_inline(fold_scatter(rows, budgets)),
         sheets=[
             {"method": method, "budget": budget, "picture": _inline(_sheet(sheets, setup, records, method, budget))}
-            for method, budget in shown_cells(rows, budgets)
+            for method, budget in shown_cells([row for row in rows if row["status"] == "done"], budgets)
         ],
         limit_um=sheets.limit_um,
         max_columns=MAX_COLUMNS,
@@ -80,6 +80,20 @@ def _sheet(sheets: Sheets, setup: Setup, records: Sequence[Mapping[str, Any]], m
     done = {record["field"]: record for record in mine if record["status"] == "done"}
     heights = {name: setup.store.heights(record["key"]) for name, record in done.items()}
     return sheets.found(heights, {name: record["scores"]["rmse_um"] for name, record in done.items()})
+
+
+def _failures(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Every reason of a failure once, with the fields and the stops it was met at."""
+    found: dict[tuple[str, str], dict[str, dict[str, None]]] = {}
+    for row in rows:
+        if row["status"] == "failed":
+            met = found.setdefault((row["method"], row["reason"]), {"fields": {}, "stops": {}})
+            met["fields"][row["field"]] = None
+            met["stops"][column_name(row["budget"])] = None
+    return [
+        {"method": method, "reason": reason} | {kind: list(names) for kind, names in met.items()}
+        for (method, reason), met in found.items()
+    ]
 
 
 def _warnings(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -77,7 +77,7 @@ def relief_ssim(found_m: FloatArray, true_m: FloatArray) -> float | None:
     data_range = float(np.ptp(true_m))
     if data_range == 0 or min(true_m.shape) < _SSIM_WINDOW:
         return None
-    similarity = structural_similarity(  # type: ignore[no-untyped-call]
+    similarity = structural_similarity(
         true_m.astype(np.float64),
         found_m.astype(np.float64),
         data_range=data_range,

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from warp_caustics.capture.stage import CaptureStage
     from warp_caustics.inspection.findings import FloatArray, Inspection
     from warp_caustics.scene import Scene
@@ -25,6 +28,7 @@ class ReportContent:
         reference_m: true relief [m], shape [n, n], if known.
         stages: what was done to the frame.
         inspection: comparison with a design, if there is one.
+        mask: pixels of ``measured`` that hold a measurement, shape [n_w, m, m]; None if all do.
     """
 
     title: str
@@ -37,3 +41,4 @@ class ReportContent:
     reference_m: "FloatArray | None" = None
     stages: "Sequence[CaptureStage]" = ()
     inspection: "Inspection | None" = None
+    mask: "npt.NDArray[np.bool_] | None" = None

@@ -236,10 +236,11 @@ def test_page_stands_alone(lab, plates, tmp_path):
     page.feed(text)
     assert page.open == []
     assert page.links and all(link.startswith("data:image/png;base64,iVBOR") for link in page.links)
-    # Curves, scatter, truth, three sheets of refine and one of each other.
-    assert page.tags.count("img") == 3 + 3 + 2
-    # Failures, summary, by folds, by field, warnings, all.
-    assert page.tags.count("table") == 6
+    # Curves, scatter, truth, three sheets of refine and one of sfc; nothing was found by direct.
+    assert page.tags.count("img") == 3 + 3 + 1
+    # Failures, summary, by field, warnings, all; both fields have few folds, so there is no table by folds.
+    assert page.tags.count("table") == 5
+    assert text.count("the image holds &lt; 1 W/m^2") == 1
     assert "the image holds &lt; 1 W/m^2" in text
     assert "http" not in text and str(tmp_path) not in text
     rows = table(out)["rows"]
