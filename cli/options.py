@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -32,6 +33,17 @@ def integer(text: str) -> int:
     if not value.is_integer():
         raise click.BadParameter(f"{text!r} is not a whole number")
     return int(value)
+
+
+UNITS_M = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
+
+def length(text: str) -> float:
+    """Option type: length as ``0.1m``, ``100mm``, ``250um``, ``25nm`` or a plain number of metres; in metres."""
+    found = re.fullmatch(r"\s*([-+.\deE]+?)\s*(nm|um|mm|cm|m)?\s*", text)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is not a length; write for example 0.1m, 100mm or 250um")
+    return number(found[1]) * UNITS_M[found[2] or "m"]
 
 
 def config_options(command: Command) -> Command:

@@ -1,0 +1,1 @@
+"""The way back: a relief whose caustic is a wanted picture."""
