@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest accuracy bench bench-gpu train-weights clean
+.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu train-weights clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-14s %s\n", $$1, $$2}'
@@ -38,6 +38,9 @@ types: $(STAMP) ## check types
 pytest: $(STAMP) ## tests only
 	$(BIN)/python -m pytest
 
+docs: $(STAMP) ## build the documentation into build/docs, examples included; any warning fails
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet $(DOCS_OPTIONS) docs build/docs
+
 accuracy: $(STAMP) ## how exact simulator and gradient are, and what refine recovers
 	$(BIN)/python -m benchmarks.accuracy
 
@@ -51,5 +54,5 @@ train-weights: $(STAMP) ## train every network into weights_out/, about 35 minut
 	NSFC=$(BIN)/nsfc examples/train_weights.sh weights_out
 
 clean: ## remove the environment and everything generated
-	rm -rf $(VENV) demo_output build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) demo_output build docs/gallery dist .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
