@@ -1,15 +1,12 @@
 """Configuration files: YAML in, one validated and immutable record out.
 
-Read by the YAML 1.2 core rules. PyYAML's own rules (YAML 1.1) take ``1e6`` for
-a string, ``010`` for 8, ``no`` for False and ``12:30`` for 750; and they let
-the last of two equal keys win. A key that is not known is refused with a guess
-at the one that was meant.
+Read by the rules of :mod:`warp_caustics.io.yaml_file`. A key that is not known
+is refused with a guess at the one that was meant.
 """
 
 import difflib
 import hashlib
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,10 +20,10 @@ from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import regular_file
+from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
 from warp_caustics.presets import PRESETS
 from warp_caustics.scene import Placement, Profile, Scene, validation_lines
 
-MAX_CONFIG_BYTES = 1_000_000
 MAX_PROBLEMS = 3
 """Problems named in one message."""
 
@@ -45,32 +42,39 @@ class SimulationConfig(_Strict):
     """How ``nsfc simulate`` simulates; None takes the preset's value. Methods choose their own photons."""
 
     preset: Annotated[str, AfterValidator(_check_preset)] = "lattice"
+    """Photon set: lattice (sharp, without noise) or paper (random, s = 16)."""
     n_photons: Annotated[int, Field(ge=1)] | None = None
     """n_l: light paths per wavelength."""
     smoothing: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """s: scales the photon footprint."""
     placement: Placement | None = None
+    """Where photons start."""
     profile: Profile | None = None
     """Shape of a photon's footprint."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Selects the set of random photons; no effect on a lattice."""
 
 
 class ReconstructionConfig(_Strict):
     """Which method, with which options; the method checks its options itself."""
 
     method: str = "auto"
+    """Name of the method; auto chooses by looking at the image."""
     options: dict[str, Any] = {}
+    """Settings of the method, by name."""
 
 
 class PhotonWish(_Strict):
     """What is known of how to simulate; None takes what suits the kind of data set."""
 
     preset: Annotated[str, AfterValidator(_check_preset)] | None = None
+    """Photon set: lattice or paper."""
     n_photons: Annotated[int, Field(ge=1, le=10**9)] | None = None
     """n_l: light paths per wavelength."""
     smoothing: Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)] | None = None
     """s: scales the photon footprint."""
     placement: Placement | None = None
+    """Where photons start."""
 
 
 class DataConfig(_Strict):
@@ -178,40 +182,6 @@ def config_path(source: str) -> Path:
 # --------------------------------------------------------------------------- YAML
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML 1.2 core schema; refuses duplicate keys and aliases."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            mark = self.get_mark()
-            raise yaml.constructor.ConstructorError(None, None, "aliases (*name) are not read; write it out", mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key_node.value!r} is given twice; remove one", key_node.start_mark
-                )
-            seen.add(key_node.value)
-        return super().construct_mapping(node, deep=deep)
-
-
-_Loader.yaml_implicit_resolvers = {}
-# YAML 1.2.2, section 10.3.2.
-for _tag, _pattern, _first in (
-    ("null", r"~|null|Null|NULL|", [*"~nN", ""]),
-    ("bool", r"true|True|TRUE|false|False|FALSE", [*"tTfF"]),
-    ("int", r"[-+]?(?:0|[1-9][0-9]*)", [*"-+0123456789"]),
-    ("float", r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", [*"-+.0123456789"]),
-    ("float", r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", [*"-+."]),
-):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
-
-
 class _Dumper(yaml.SafeDumper):
     """Lists on one line, everything else one key per line."""
 
@@ -221,41 +191,13 @@ _Dumper.add_representer(
 )
 
 
-def _parsed(text: str, name: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f" line {mark.line + 1}" if mark is not None and "\n" in text.strip() else ""
-        raise InputError(f"{name}{where}: {error.problem or error.context}") from error
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{name} is no YAML ({' '.join(str(error).split())[:120]})") from error
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Content of a configuration file; InputError says what is wrong with it."""
-    content = path.read_bytes() if path.stat().st_size <= MAX_CONFIG_BYTES else b""
-    if not content:
-        raise InputError(f"{path} is larger than {MAX_CONFIG_BYTES} bytes; give a configuration file")
-    try:
-        text = content.decode()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is no text; give a YAML file") from error
-    tree = _parsed(text, str(path))
-    if tree is None:
-        return {}
-    if not isinstance(tree, dict):
-        raise InputError(f"{path} holds no keys with values; write for example 'scene: {{image_pixels: 256}}'")
-    return tree
-
-
 def parsed_setting(setting: str) -> dict[str, Any]:
     """A --set value as nested sections: ``a.b=1`` is ``{"a": {"b": 1}}``."""
     key, equals, value = setting.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise InputError(f"--set {setting!r} is not KEY=VALUE; write for example --set scene.image_pixels=256")
-    return nested(parts, _parsed(value, f"--set {setting}"))
+    return nested(parts, parsed_yaml(value, f"--set {setting}"))
 
 
 # --------------------------------------------------------------------------- merging

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
+from cli.capture_options import capture_options, capture_settings, file_records
 from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number, start_device
 
 if TYPE_CHECKING:
     from cli.config import Config
     from warp_caustics.capture.irradiance import Capture
+    from warp_caustics.capture.settings import CaptureSettings
     from warp_caustics.reconstruct.base import (
         CausticImage,
         FloatArray,
@@ -34,12 +36,7 @@ TRANSPORT = "transport"
     "-o", "--output", type=click.Path(), required=True, help="Folder for the result; made complete or not at all."
 )
 @click.option("--method", help="auto, direct, nsfc, nsfc-unrolled, refine, transport, hcccd or sfc. [default: auto]")
-@click.option("--dark", type=click.Path(), help="Frame of the same camera with the light off.")
-@click.option("--flat", type=click.Path(), help="Frame of the same camera with a plate without relief.")
-@click.option("--wavelength-order", metavar="NM,NM,...", help="Wavelength of each channel, e.g. 610,530,430.")
-@click.option("--transfer", type=click.Choice(["linear", "srgb"]), help="Tone curve of an integer image.")
-@click.option("--page", type=integer, help="Page of a TIFF with several, from 0.")
-@click.option("--dataset", help="Array in an HDF5 or NPZ file. [default: image]")
+@capture_options
 @click.option(
     "--initial",
     metavar="FILE|transport",
@@ -57,12 +54,7 @@ def reconstruct(
     images: tuple[str, ...],
     output: str,
     method: str | None,
-    dark: str | None,
-    flat: str | None,
-    wavelength_order: str | None,
-    transfer: str | None,
-    page: int | None,
-    dataset: str | None,
+    capture: Mapping[str, Any],
     initial: str | None,
     reference: str | None,
     max_iterations: int | None,
@@ -97,11 +89,12 @@ def reconstruct(
         },
     )
     start = None if initial == TRANSPORT else initial
-    files = {"dark": dark, "flat": flat, "initial": start, "reference": reference}
+    files = {"initial": start, "reference": reference}
+    capture_settings(capture)  # what is wrong with it is wrong for every image
     job = Job(
         config=config,
         files={kind: path for kind, path in files.items() if path is not None},
-        reading={"page": page, "dataset": dataset, "transfer": transfer, "wavelength_order": wavelength_order},
+        capture=capture,
         from_transport=initial == TRANSPORT,
         device=device,
         force=force,
@@ -136,8 +129,8 @@ class Job:
 
     Attributes:
         config: scene, method and options.
-        files: paths by role: dark, flat, initial, reference.
-        reading: how to read an image, see :func:`read_inputs`.
+        files: paths by role: initial, reference.
+        capture: options on how to read an image, see :mod:`cli.capture_options`.
         from_transport: start where that method ends.
         device: value of --device.
         force: replace earlier results.
@@ -146,7 +139,7 @@ class Job:
 
     config: "Config"
     files: Mapping[str, str]
-    reading: Mapping[str, Any]
+    capture: Mapping[str, Any]
     from_transport: bool
     device: str
     force: bool
@@ -164,7 +157,8 @@ class Job:
         from cli.results import result_folder, result_record, summary, write_results
 
         console, config = self.console, self.config
-        inputs = read_inputs({"image": image, **self.files}, config.scene, **self.reading)
+        settings = capture_settings(self.capture, image)
+        inputs = read_inputs({"image": image, **self.files}, config.scene, settings)
         for warning in inputs.capture.warnings:
             console.warn(warning)
         method, device = self.method()
@@ -226,41 +220,24 @@ class Inputs:
         return CausticImage(self.capture.irradiance, noise if is_known else None, self.capture.mask)
 
 
-def read_inputs(
-    files: Mapping[str, str],
-    scene: "Scene",
-    *,
-    page: int | None = None,
-    dataset: str | None = None,
-    transfer: str | None = None,
-    wavelength_order: str | None = None,
-) -> Inputs:
+def read_inputs(files: Mapping[str, str], scene: "Scene", settings: "CaptureSettings | None" = None) -> Inputs:
     """Read and check everything a reconstruction needs, before any of it is computed.
 
     Args:
-        files: paths by role: image, and where given dark, flat, initial, reference.
+        files: paths by role: image, and where given initial, reference.
         scene: what they must fit.
-        page: page of the image.
-        dataset: array within the image's file.
-        transfer: tone curve of image, dark and flat.
-        wavelength_order: wavelengths of the channels [nm].
+        settings: how to read and calibrate the image.
     """
-    from warp_caustics.capture.irradiance import capture_to_irradiance
-    from warp_caustics.io.images import read_image
+    from warp_caustics.capture.read import read_capture
+    from warp_caustics.capture.settings import CaptureSettings, capture_files
 
-    frames = {kind: read_image(files[kind], transfer=transfer) for kind in ("dark", "flat") if kind in files}
-    capture = capture_to_irradiance(
-        read_image(files["image"], page=page, dataset=dataset, transfer=transfer),
-        scene=scene,
-        dark=frames.get("dark"),
-        flat=frames.get("flat"),
-        wavelength_order=wavelength_order,
-    )
+    settings = settings or CaptureSettings()
+    every_file = {**capture_files(files["image"], settings), **files}
     return Inputs(
-        capture=capture,
+        capture=read_capture(files["image"], scene, settings),
         initial=_read_relief(files, "initial", scene),
         reference=_read_relief(files, "reference", scene),
-        files={kind: {"path": path, "sha256": _sha256(path)} for kind, path in files.items()},
+        files=file_records(every_file),
     )
 
 
@@ -278,13 +255,6 @@ def _read_relief(files: Mapping[str, str], kind: str, scene: "Scene") -> "FloatA
             f"resample it, or --set scene.height_samples={len(heights)}"
         )
     return heights
-
-
-def _sha256(path: str) -> str:
-    import hashlib
-
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def make_method(config: "Config", device: str) -> "Reconstructor":

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import pydantic
 
-from cli.config import MAX_PROBLEMS, config_path, merged, nested, parsed_setting, read_yaml
+from cli.config import MAX_PROBLEMS, config_path, merged, nested, parsed_setting
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
+from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.scene import validation_lines
 
 if TYPE_CHECKING:

@@ -73,7 +73,9 @@ class Perturbation(BaseModel):
     line_end_m: Interval = (-2.5e-3, 2.5e-3)
     """Offset of the end, along x and along y [m]; a ring's radius."""
     line_width_m: Interval = (-1e-3, 1e-3)
+    """Offset of the width [m]."""
     line_height_m: Interval = (-1e-3, 1e-3)
+    """Offset of the height [m]."""
 
 
 class PrintedPattern(BaseModel):
@@ -92,6 +94,7 @@ class PrintedPattern(BaseModel):
     Tab. 3's offsets make 15 % of the lines non-positive in width or height and the paper does not say what
     becomes of them."""
     profile: Profile = "cosine"
+    """Cross section: cosine is H/2 (1 + cos(2 pi r / w)), quarter H cos(pi r / w), r from the centre line."""
     supersampling: Annotated[int, Field(ge=1, le=MAX_SUPERSAMPLING)] = 4
     """A height sample is the mean of supersampling^2 points of its cell; 7.5 % of the lines are narrower."""
 
@@ -108,6 +111,7 @@ class ReliefConfig(PrintedPattern):
     """Straight lines anywhere: parameter ranges of Tab. 3, validated and immutable."""
 
     pattern: Literal["lines"] = "lines"
+    """Lines anywhere."""
     line_count: CountInterval = (2, 30)
     """Number of lines, both ends included."""
     line_start_m: Interval = (-0.025, 0.025)
@@ -120,6 +124,7 @@ class RasterConfig(PrintedPattern):
     """Parallel fibres side by side, as infill is printed; all of one width and height."""
 
     pattern: Literal["raster"] = "raster"
+    """Parallel fibres."""
     line_count: CountInterval = (2, 12)
     """Number of fibres."""
     spacing_m: PositiveInterval = (1e-3, 4e-3)
@@ -136,6 +141,7 @@ class RingsConfig(PrintedPattern):
     """Circles."""
 
     pattern: Literal["rings"] = "rings"
+    """Circles."""
     line_count: CountInterval = (1, 8)
     """Number of rings."""
     centre_m: Interval = (-0.015, 0.015)
@@ -148,6 +154,7 @@ class PictureConfig(PrintedPattern):
     """A black and white picture, for example text, printed row by row as horizontal fibres."""
 
     pattern: Literal["picture"] = "picture"
+    """A black and white picture."""
     rows: Annotated[tuple[str, ...], Field(min_length=1), AfterValidator(_check_picture)] = ("#",)
     """The picture, the topmost row (largest y) first: # is fibre, . is bare plate. See ``patterns.picture_rows``."""
     size_m: PositiveInterval = (0.03, 0.045)
@@ -155,6 +162,7 @@ class PictureConfig(PrintedPattern):
     centre_m: Interval = (-0.002, 0.002)
     """Centre of the picture, along x and along y [m]."""
     line_width_m: PositiveInterval = (5e-4, 1e-3)
+    """Full width w [m]."""
 
 
 def _pattern_of(value: Any) -> str:

@@ -27,6 +27,7 @@ class PhotonConfig(_Strict):
     """How one of a sample's images is simulated; None takes the preset's value."""
 
     preset: Literal["lattice", "paper"] = "lattice"
+    """Photon set."""
     n_photons: Annotated[int, Field(ge=1, le=10**9)] | None = None
     """n_l: light paths per wavelength."""
     smoothing: Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)] | None = None

@@ -27,7 +27,9 @@ class PhotonVariant(Strict):
     """One way to simulate training images; a step takes one of several, so that networks do not learn a lattice."""
 
     placement: Placement = "lattice"
+    """Where photons start."""
     photons_per_pixel: Annotated[Finite, Field(gt=0, le=1000)] = 4.0
+    """Light paths per pixel and wavelength."""
     smoothing: Annotated[Finite, Field(ge=0, le=1e4)] | None = None
     """s; the lattice preset's if None."""
     share: Share = 1.0
@@ -61,13 +63,16 @@ class ReplayConfig(Strict):
     size: Annotated[int, Field(ge=0, le=10**6)] = 0
     """Samples kept; 0 for no pool. A sample of Tab. 1's scene takes 1.6 MiB (direct) to 3.2 MiB (updater)."""
     fresh_per_step: Annotated[int, Field(ge=1, le=4096)] = 8
+    """Samples simulated in each step, which replace the oldest."""
 
 
 class ValidationConfig(Strict):
     """The fixed samples that a network is judged by."""
 
     count: Annotated[int, Field(ge=1, le=4096)] = 64
+    """Number of fixed samples."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = VALIDATION_SEED
+    """Selects them."""
     noise: Annotated[Finite, Field(ge=0, le=1)] = 0.01
     """Relative noise of the images of ``direct`` and ``unrolled``."""
 
@@ -76,7 +81,9 @@ class StartShares(Strict):
     """Where unrolled iterations start, as shares of a batch."""
 
     flat: Share = 0.5
+    """A flat plate."""
     perturbed: Share = 0.5
+    """The true relief, perturbed as in Tab. 3."""
     direct: Share = 0.0
     """The answer of a trained direct network; needs ``direct_weights``."""
 
@@ -95,6 +102,7 @@ class UnrollingConfig(Strict):
     last_steps: Annotated[int, Field(ge=1, le=100)] = 4
     """K from ``growth_share`` of the run on."""
     growth_share: Share = 0.5
+    """Share of the run in which K grows."""
     step_weight_growth: Annotated[Finite, Field(ge=1, le=100)] = 1.5
     """Each step's loss weighs so much more than that of the step before."""
     through_steps: bool = False
@@ -118,16 +126,23 @@ class TrainingConfig(Strict):
     """How a network is trained."""
 
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Of weights, samples and augmentation."""
     batch_size: Annotated[int, Field(ge=1, le=4096)] = 16
     """Per device and step of the optimiser's accumulation."""
     accumulate: Annotated[int, Field(ge=1, le=1024)] = 1
     """Batches per optimiser step."""
     optimiser: Literal["adam", "adamw"] = "adam"
+    """What steps."""
     learning_rate: Annotated[Finite, Field(gt=0, le=10)] = 1e-3
+    """Highest step width."""
     weight_decay: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    """Pull of the weights towards 0."""
     clip_norm: Annotated[Finite, Field(gt=0, le=1e6)] | None = None
+    """Longer gradients are shortened to this norm; None for never."""
     warmup_steps: Annotated[int, Field(ge=0, le=10**7)] = 0
+    """Steps in which the learning rate rises from 0."""
     schedule: Literal["constant", "cosine"] = "constant"
+    """What becomes of the learning rate afterwards."""
     final_rate: Share = 0.01
     """What cosine decay ends at, a fraction of the learning rate."""
     total_steps: Count | None = None
@@ -137,17 +152,23 @@ class TrainingConfig(Strict):
     ema_decay: Annotated[Finite, Field(ge=0, lt=1)] = 0.0
     """Average of the weights, which is what is validated and exported; 0 for none."""
     precision: Precision = "32"
+    """Of the network's arithmetic: 32, bf16 or 16 bits."""
     compile: bool = False
+    """Compile the network first: a minute at the start, faster steps on a GPU."""
     channels_last: bool = True
+    """Memory layout that GPUs convolve faster in."""
     steps_per_epoch: Count = 500
     """Optimiser steps between validations for fresh samples; files have epochs of their own."""
     patience: Annotated[int, Field(ge=1, le=10**6)] | None = 3
     """Stop after so many epochs without progress; None for never."""
     min_epochs: Annotated[int, Field(ge=1, le=10**6)] = 5
+    """No stop for lack of progress before."""
     log_every_steps: Annotated[int, Field(ge=1, le=10**6)] = 20
+    """Steps between reports of progress."""
     exported: Literal["float32", "float16"] = "float32"
     """How weights.safetensors stores the weights."""
     checkpoint_minutes: Annotated[Finite, Field(gt=0, le=1e5)] = 2.0
+    """Checkpoint every so many minutes."""
     checkpoint_steps: Count | None = None
     """Checkpoint every so many steps, besides the time."""
     photons: Annotated[tuple[PhotonVariant, ...], Field(min_length=1, max_length=16)] = VARIANTS

@@ -55,12 +55,15 @@ def test_kernels_know_nothing_of_torch():
     [
         ["--help"],
         ["simulate", "--help"],
+        ["design", "-h"],
         ["reconstruct", "-h"],
+        ["inspect", "-h"],
         ["config", "-h"],
         ["data", "build", "-h"],
         ["train", "-h"],
         ["search", "-h"],
         ["compare", "-h"],
+        ["capture", "-h"],
         ["weights", "info", "-h"],
     ],
 )

@@ -1,10 +1,9 @@
-"""Files in and out: images, captures, height maps and meshes.
+"""Files in and out: images, height maps and meshes.
 
 Everything read is checked first and refused with one clear line; everything
 written appears complete or not at all. Importing this package loads no codec.
 """
 
-from warp_caustics.capture.irradiance import Capture, capture_to_irradiance
 from warp_caustics.io.atomic import atomic_path
 from warp_caustics.io.heights import read_heights, write_heights
 from warp_caustics.io.image_file import ImageFile
@@ -13,10 +12,8 @@ from warp_caustics.io.mesh import height_field_mesh, write_mesh
 from warp_caustics.io.noise import estimate_noise_std
 
 __all__ = [
-    "Capture",
     "ImageFile",
     "atomic_path",
-    "capture_to_irradiance",
     "estimate_noise_std",
     "height_field_mesh",
     "read_heights",

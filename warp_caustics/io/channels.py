@@ -69,7 +69,7 @@ def channel_order(
         recorded = image.wavelengths_m
         return _match(recorded, scene_m, "the file records"), f"channels are {in_nm(recorded)}, as the file records"
     falling = sorted(scene_m, reverse=True)
-    if list(scene_m) == falling or (count == 3 and image.format in ("png", "tiff", "exr")):
+    if list(scene_m) == falling or (count == 3 and image.format in ("png", "tiff", "exr", "jpeg")):
         return _match(falling, scene_m, "channels"), f"channels taken as {in_nm(falling)}, longest wavelength first"
     raise InputError(
         f"which channel is which of {in_nm(scene_m)} is not recorded in the file; "

@@ -27,7 +27,7 @@ class ImageFile:
         values: pixels in the file's own linear unit (counts or W/m^2), float32, shape [C, H, W].
         full_scale: largest value the file's type can hold (255, 65535), None for floats.
         bit_depth: bits per value in the file.
-        format: ``png``, ``tiff``, ``exr``, ``npy``, ``npz`` or ``hdf5``.
+        format: ``png``, ``tiff``, ``jpeg``, ``exr``, ``npy``, ``npz`` or ``hdf5``.
         warnings: one line for each thing a person should know.
         wavelengths_m: wavelength of each channel [m], shape [C], where the file records it.
         count_W_m2: irradiance of one count [W/m^2], where the file records it (PNG by ``write_image``).

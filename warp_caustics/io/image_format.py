@@ -15,6 +15,7 @@ SUFFIXES = {
     ".h5": "hdf5",
     ".hdf5": "hdf5",
 }
+_READ_SUFFIXES = {**SUFFIXES, ".jpg": "jpeg", ".jpeg": "jpeg"}
 _MAGIC = {
     b"\x89PNG\r\n\x1a\n": "png",
     b"II*\0": "tiff",
@@ -26,9 +27,9 @@ _MAGIC = {
     b"PK\x03\x04": "npz",
     b"PK\x05\x06": "npz",
     b"\x89HDF\r\n\x1a\n": "hdf5",
+    b"\xff\xd8\xff": "jpeg",
 }
 _REFUSED_MAGIC = {
-    b"\xff\xd8\xff": "JPEG, which is lossy, 8-bit and processed by the camera",
     b"GIF8": "GIF, which has a palette of 256 colours",
     b"BM": "BMP, which has 8 bits",
     b"RIFF": "WebP, which is 8-bit and mostly lossy",
@@ -36,6 +37,8 @@ _REFUSED_MAGIC = {
     b"\xff\x0a": "JPEG XL, which is mostly lossy",
     b"%PDF": "a PDF",
     b"FUJIFILM": "a raw camera file",
+    b"IIRO": "a raw camera file",
+    b"IIU\0": "a raw camera file",
 }
 
 
@@ -57,9 +60,11 @@ def sniff_format(path: Path) -> tuple[str, list[str]]:
     with path.open("rb") as stream:
         head = stream.read(512)
     name = repr(str(path))
+    if head.startswith((b"II*\0", b"MM\0*")) and head[8:10] == b"CR":
+        raise InputError(f"{name} is a raw camera file (CR2); export a 16-bit linear TIFF")
     for magic, format_ in _MAGIC.items():
         if head.startswith(magic):
-            claimed = SUFFIXES.get(path.suffix.lower(), format_)
+            claimed = _READ_SUFFIXES.get(path.suffix.lower(), format_)
             wrong = f"{name} holds {format_} data in spite of its suffix; read as {format_}, rename it"
             return format_, [] if claimed == format_ else [wrong]
     refused = next((text for magic, text in _REFUSED_MAGIC.items() if head.startswith(magic)), None)

@@ -26,6 +26,7 @@ from warp_caustics.io.exr import read_exr, write_exr
 from warp_caustics.io.image_file import MAX_PIXELS, Array, ImageFile, channel_first, check_pixels, checked_values
 from warp_caustics.io.image_format import SUFFIXES, sniff_format
 from warp_caustics.io.image_output import Output, checked_output
+from warp_caustics.io.jpeg import read_jpeg
 from warp_caustics.io.png import read_png, write_png
 from warp_caustics.io.tiff import read_tiff, write_tiff
 
@@ -88,7 +89,7 @@ def read_image(
     :func:`warp_caustics.io.image_file.channel_axis` for the rule ([3, 512, 3] is three channels of 512 x 3).
 
     Args:
-        path: PNG, TIFF, EXR, NPY, NPZ or HDF5 file; its content tells which.
+        path: PNG, TIFF, EXR, NPY, NPZ, HDF5 or (with transfer="srgb") JPEG file; its content tells which.
         page: page of a TIFF with several, from 0.
         dataset: array in HDF5 or NPZ, ``image`` if not given.
         transfer: tone curve of integer data, ``"srgb"`` or ``"linear"``; not given: linear, with a warning at 8 bits.
@@ -113,6 +114,13 @@ def read_image(
             decoded = read_png(path, max_pixels)
         elif format_ == "tiff":
             decoded = read_tiff(path, page, max_pixels)
+        elif format_ == "jpeg":
+            if transfer != "srgb":
+                raise InputError(
+                    f"{name} is JPEG, which holds toned 8-bit values; export a 16-bit linear TIFF, "
+                    "or say transfer='srgb' to take it as it is"
+                )
+            decoded = read_jpeg(path, max_pixels)
         elif format_ == "exr":
             decoded = read_exr(path, max_pixels)
         else:

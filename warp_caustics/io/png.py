@@ -86,6 +86,12 @@ def read_png(path: Path, max_pixels: int) -> Decoded:
     has_gamma = gamma is not None and int.from_bytes(gamma, "big") != 100_000
     if has_gamma or chunks.keys() & {b"sRGB", b"iCCP", b"cICP"}:
         notes.append(f"{name} declares a tone curve or colour profile, which is not applied; export linear data")
+    text = _png_text(chunks.get(b"tEXt"))
+    size_chunk = chunks.get(b"pHYs", b"")
+    if len(size_chunk) == 9 and not text:
+        x, y = struct.unpack_from(">II", size_chunk)
+        if abs(x - y) > 0.01 * max(x, y):
+            notes.append(f"{name} says its pixels are not square ({x} by {y} per unit); they are taken as they are")
     try:
         array = imagecodecs.png_decode(data)
     except Exception as error:
@@ -93,7 +99,7 @@ def read_png(path: Path, max_pixels: int) -> Decoded:
     array = array[None] if array.ndim == 2 else np.moveaxis(array, -1, 0)
     if colour in (4, 6):
         array = without_alpha(array, name, notes)
-    return Decoded(array, _png_text(chunks.get(b"tEXt")), notes)
+    return Decoded(array, text, notes)
 
 
 def _png_chunk(kind: bytes, content: bytes) -> bytes:

@@ -17,6 +17,8 @@ from warp_caustics.io.image_output import Output
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _LOSSLESS_TIFF = {1: "none", 5: "LZW", 8: "deflate", 32946: "deflate", 32773: "PackBits", 34925: "LZMA", 50000: "Zstd"}
+_RAW_KINDS = (32803, 34892)
+"""Photometric interpretations CFA and LinearRaw."""
 _TIFF_BITS = ({8}, {16}, {32}, {64})
 
 
@@ -29,14 +31,20 @@ def _tiff_page(tiff: Any, page: int | None, name: str) -> Any:
     return tiff.pages[page or 0]
 
 
+def _holds_raw(page: Any) -> bool:
+    """Whether page, or one within it, holds the mosaic of a sensor; the page itself is then but a thumbnail."""
+    inner = list(page.pages or ()) if 330 in page.tags else []
+    return any(int(getattr(part, "photometric", 0) or 0) in _RAW_KINDS for part in (page, *inner))
+
+
 def _check_tiff_kind(page: Any, name: str) -> None:
+    if 50706 in page.tags or _holds_raw(page):
+        raise InputError(f"{name} is a raw camera file (DNG or alike); export a 16-bit linear TIFF")
     bits = page.tags.valueof(258, (page.bitspersample,))
     bits = set(bits) if isinstance(bits, tuple) else {bits}
     if int(page.photometric) not in (0, 1, 2):
         kind = getattr(page.photometric, "name", str(page.photometric))
         raise InputError(f"{name} is a TIFF of kind {kind}; export gray or RGB with 16 bits or float32")
-    if 50706 in page.tags:
-        raise InputError(f"{name} is a raw camera file (DNG); develop it to a linear 16-bit TIFF")
     if int(page.compression) not in _LOSSLESS_TIFF:
         kind = getattr(page.compression, "name", str(page.compression))
         raise InputError(f"{name} is compressed by {kind}; export without compression, with deflate or LZW")

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from warp_caustics.capture.irradiance import Capture, capture_to_irradiance
 from warp_caustics.errors import CausticsError, InputError, MismatchError
-from warp_caustics.io import Capture, ImageFile, capture_to_irradiance
+from warp_caustics.io import ImageFile
 from warp_caustics.scene import Scene
 
 from .model_camera import LIGHT, SCENE, Camera, M, as_file, as_floats, smooth_light

@@ -15,7 +15,7 @@ WARNED: dict[str, Warned] = {
 REFUSED: dict[str, Refused] = {
     "zero bytes": ("x.png", b"", InputError, "empty"),
     "text": ("x.png", b"hello,\nworld\n", InputError, "is text"),
-    "jpeg": ("x.jpg", b"\xff\xd8\xff\xe0" + bytes(99), InputError, "JPEG, which is lossy"),
+    "jpeg": ("x.jpg", b"\xff\xd8\xff\xe0" + bytes(99), InputError, "is JPEG, which holds toned"),
     "gif": ("x.gif", b"GIF89a" + bytes(99), InputError, "palette"),
     "webp": ("x.webp", b"RIFF\0\0\0\0WEBP", InputError, "WebP"),
     "heic": ("x.heic", b"\0\0\0\x18ftypheic", InputError, "HEIC"),

@@ -1,0 +1,142 @@
+"""From files to a calibrated capture."""
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warp_caustics.capture.bracketing import Merged, merged_exposures
+from warp_caustics.capture.corners import located_window, read_window_file
+from warp_caustics.capture.distortion import read_distortion
+from warp_caustics.capture.hot_pixels import odd_among_neighbours, replaced
+from warp_caustics.capture.irradiance import Capture, capture_to_irradiance
+from warp_caustics.capture.mixing import read_mixing
+from warp_caustics.capture.preview import preview
+from warp_caustics.capture.registration import Registration
+from warp_caustics.capture.settings import AUTO, CaptureSettings, check_consistent, is_capture_file
+from warp_caustics.capture.stage import CaptureStage
+from warp_caustics.errors import InputError
+from warp_caustics.io.image_file import ImageFile
+from warp_caustics.io.noise import FloatImage
+
+if TYPE_CHECKING:
+    from warp_caustics.scene import Scene
+
+
+def read_capture(
+    image: str | os.PathLike[str] | None, scene: "Scene", settings: CaptureSettings | None = None
+) -> Capture:
+    """Read a photo and everything that calibrates it.
+
+    Args:
+        image: photo; or a capture file (.yaml), whose frames ``settings`` then hold; None likewise.
+        scene: what the capture must fit.
+        settings: how to read and calibrate; defaults if not given.
+
+    Raises:
+        CausticsError: a file that cannot be used, or files that do not belong together.
+    """
+    settings = settings or CaptureSettings()
+    check_consistent(settings)
+    dark, flat, flat_dark = (_frame(getattr(settings, name), settings) for name in ("dark", "flat", "flat_dark"))
+    merged = _merged(settings, dark) if image is None or is_capture_file(image) else None
+    if merged is None:
+        assert image is not None
+        from warp_caustics.io.images import read_image
+
+        photo = read_image(image, page=settings.page, dataset=settings.dataset, transfer=settings.transfer)
+    else:
+        photo = merged.image
+    registration = _registration(settings, scene, photo, None if merged else dark, flat, flat_dark or dark)
+    by_default = registration is not None or merged is not None
+    return capture_to_irradiance(
+        photo,
+        scene=scene,
+        dark=dark,
+        flat=flat,
+        flat_dark=flat_dark,
+        wavelength_order=settings.wavelength_order,
+        exposure=_exposure(settings, merged, has_flat=flat is not None),
+        registration=registration,
+        mixing=None if settings.mixing is None else read_mixing(settings.mixing),
+        hot_pixels=by_default if settings.hot_pixels is None else settings.hot_pixels,
+        is_dark_subtracted=merged is not None,
+        stages=() if merged is None else (_merging(merged, settings),),
+    )
+
+
+def _frame(path: str | None, settings: CaptureSettings) -> ImageFile | None:
+    from warp_caustics.io.images import read_image
+
+    return None if path is None else read_image(path, transfer=settings.transfer)
+
+
+def _merged(settings: CaptureSettings, dark: ImageFile | None) -> Merged:
+    if not settings.frames:
+        raise InputError("the capture file lists no frames; write frames: [{file: a.tif, exposure_s: 0.01}, ...]")
+    from warp_caustics.io.images import read_image
+
+    frames = [
+        read_image(frame.file, page=settings.page, dataset=settings.dataset, transfer=settings.transfer)
+        for frame in settings.frames
+    ]
+    darks = [dark if frame.dark is None else _frame(frame.dark, settings) for frame in settings.frames]
+    return merged_exposures(frames, [frame.exposure_s for frame in settings.frames], darks)
+
+
+def _merging(merged: Merged, settings: CaptureSettings) -> CaptureStage:
+    times = ", ".join(f"{frame.exposure_s:g}" for frame in settings.frames)
+    noise = ", ".join(f"{value:.3g}" for value in merged.noise_std)
+    text = (
+        f"{len(settings.frames)} exposures of {times} s merged, {merged.used:.2f} usable per pixel, "
+        f"noise {noise} counts of the shortest"
+    )
+    figures = {f"brightness_of_frame_{i}": ratio for i, ratio in enumerate(merged.ratios, 1)}
+    return CaptureStage("exposures", text, None, preview(merged.image.values), None, figures)
+
+
+def _exposure(settings: CaptureSettings, merged: Merged | None, has_flat: bool) -> float | tuple[float, ...] | None:
+    if merged is None or settings.exposure is not None or not has_flat:
+        return settings.exposure
+    if settings.flat_exposure_s is None:
+        raise InputError(
+            "frames have exposure times, the flat field has none; say flat_exposure_s, or exposure: shortest over flat"
+        )
+    return merged.exposure_s / settings.flat_exposure_s
+
+
+def _registration(
+    settings: CaptureSettings,
+    scene: "Scene",
+    photo: ImageFile,
+    dark: ImageFile | None,
+    flat: ImageFile | None,
+    flat_dark: ImageFile | None,
+) -> Registration | None:
+    """Where the window lies; looked for in the flat field where there is one."""
+    if settings.corners is None:
+        return None
+    source = None if settings.corners == AUTO else read_window_file(settings.corners)
+    distortion = None if settings.distortion is None else read_distortion(settings.distortion)
+    height, width = photo.values.shape[1:]
+    if distortion is not None:
+        distortion.check_image(height, width)
+    seen = _brightness(photo, dark) if flat is None else _brightness(flat, flat_dark)
+    return located_window(
+        source,
+        seen,
+        scene,
+        distortion=distortion,
+        mirrored=settings.mirrored,
+        turned_deg=settings.turned_deg,
+    )
+
+
+def _brightness(frame: ImageFile, dark: ImageFile | None) -> FloatImage:
+    """Mean of all channels, each scaled to its brightest part, without hot pixels, shape [H, W]."""
+    values = frame.values.astype(np.float64)
+    if dark is not None and dark.values.shape == values.shape:
+        values -= dark.values
+    bright = np.percentile(values, 99, axis=(1, 2), keepdims=True)
+    mean = np.asarray((values / np.where(bright > 0, bright, 1.0)).mean(axis=0))
+    return replaced(mean, odd_among_neighbours(mean))
