@@ -25,18 +25,21 @@ from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import make_sampler
 from data_gen.testset import field_heights, field_images, fields_config
 from nets.reconstruct.methods import create
+from nets.shipped import find_network
 from warp_caustics.metrics import height_errors
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.base import CausticImage, Reconstructor
 from warp_caustics.scene import Scene
 
 NOISE = (0.0, 0.005, 0.01, 0.02, 0.03)
 """Standard deviation of white noise, relative to the light of a flat plate; the photons' own 1.8 % come on top."""
 EXPOSURE = (0.95, 0.98, 1.0, 1.02, 1.05)
-VARIANTS: dict[str, dict[str, Any]] = {
-    "once": {"symmetries": False, "refine": False},
-    "symmetries": {"refine": False},
-    "direct": {},
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "once": ("direct", {"symmetries": False, "refine": False}),
+    "symmetries": ("direct", {"refine": False}),
+    "direct": ("direct", {}),
+    "fibres": ("fibres", {}),
 }
+"""Method and options by name."""
 
 
 class Fields:
@@ -92,10 +95,16 @@ class Cells:
         return self.held[key]
 
 
+def made(variant: str, fields: Fields) -> Reconstructor:
+    """The method of a variant."""
+    method, options = VARIANTS[variant]
+    return create(method, fields.scene, device=fields.device, **options)
+
+
 def rows(fields: Fields, cells: Cells, conditions: Mapping[str, tuple[float, float]], variants: list[str]) -> None:
-    """Table of conditions (noise, exposure) against variants of ``direct``: mean / median RMSE [um]."""
-    methods = {name: create("direct", fields.scene, device=fields.device, **VARIANTS[name]) for name in variants}
-    weights = next(iter(methods.values())).network.info.content_hash.rpartition(":")[2][:8]
+    """Table of conditions (noise, exposure) against variants of learned methods: mean / median RMSE [um]."""
+    methods = {name: made(name, fields) for name in variants}
+    weights = find_network("direct", fields.scene).info.content_hash.rpartition(":")[2][:8]
     print(f"{'mean / median [um]':<22}" + "".join(f"{name:>18}" for name in variants))
     for condition, (noise, exposure) in conditions.items():
         texts = []
@@ -123,11 +132,11 @@ def iterations(fields: Fields, updaters: Mapping[str, dict[str, Any]], count: in
         yield name, np.array(errors)
 
 
-def times(fields: Fields) -> None:
+def times(fields: Fields, variants: list[str]) -> None:
     """Wall time per image, everything loaded, the first image left out."""
-    for name, options in VARIANTS.items():
+    for name in variants:
         started = time.perf_counter()
-        method = create("direct", fields.scene, device=fields.device, **options)
+        method = made(name, fields)
         method.reconstruct(fields.image(0, 0.01))
         first, seconds = time.perf_counter() - started, []
         for field in range(fields.count):
@@ -146,7 +155,7 @@ def main() -> None:
     parser.add_argument("--fields", type=int, default=10)
     parser.add_argument("--own", type=int, metavar="SEED", help="own fields of this seed in place of the test fields")
     parser.add_argument("--json", type=Path, help="file of cells, read and continued")
-    parser.add_argument("--variants", default="once,symmetries,direct")
+    parser.add_argument("--variants", default=",".join(VARIANTS))
     parser.add_argument("--nsfc", nargs=2, metavar=("UPDATER", "DENOISER"))
     parser.add_argument("--no-denoiser", metavar="UPDATER")
     parser.add_argument("--no-gradient", nargs=2, metavar=("UPDATER", "DENOISER"))
@@ -161,7 +170,7 @@ def main() -> None:
     elif arguments.what == "exposure":
         rows(fields, cells, {f"exposure {factor - 1:+.0%}": (0.01, factor) for factor in EXPOSURE}, variants)
     elif arguments.what == "time":
-        times(fields)
+        times(fields, variants)
     else:
         updaters: dict[str, dict[str, Any]] = {}
         if arguments.nsfc:

@@ -107,7 +107,7 @@ class _Run:
         self.history: list[dict[str, Any]] = list(answer.history)
         self.reason: StopReason = "converged"
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
-        self.loss = float("inf")
+        self.iterations = method.options.max_iterations or ITERATIONS
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -160,25 +160,31 @@ class _Run:
         if pixels is None:
             pixels = RefineOptions().resolved("height", False, scene, method.device.type).finest_pixels
         assert pixels is not None
-        lines = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
-        fit = ImageFit(scene, self.image, method.model, pixels, report=self._note)
-        self._take(fit, lines)
-        coarse = fit
+        start = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
+        fine = ImageFit(scene, self.image, method.model, pixels, report=self._note)
+        coarse = fine
         if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
-            coarse = ImageFit(scene, self.image, method.model, pixels // 2)
-        for _ in range(method.options.jumps):
-            moved, has_jumped = jump(coarse, self.lines)
-            if not has_jumped or not self._take(fit, moved):
-                break
-        self._take(fit, self.lines)
+            coarse = ImageFit(scene, self.image, method.model, pixels // 2, report=self._note)
+        # Which lines there are, a coarse image says as well, for a quarter of the time; where they are, the fine one.
+        found = self._searched(coarse, start)
+        before = fine.loss(method.model.heights(start))
+        if fine.loss(method.model.heights(found)) > before:
+            found = start
+        self.lines = fine.descend(found, self.iterations).lines
 
-    def _take(self, fit: ImageFit, lines: torch.Tensor) -> bool:
-        """Descend, and keep the lines if they are better."""
-        found = fit.descend(lines, self.method.options.max_iterations or ITERATIONS)
-        if found.loss >= self.loss:
-            return False
-        self.lines, self.loss = found.lines, found.loss
-        return True
+    def _searched(self, fit: ImageFit, lines: torch.Tensor) -> torch.Tensor:
+        """Lines after descents and jumps in turn."""
+        best = fit.descend(lines, self.iterations)
+        self.lines = best.lines
+        for _ in range(self.method.options.jumps):
+            moved, has_jumped = jump(fit, best.lines)
+            if not has_jumped:
+                break
+            found = fit.descend(moved, self.iterations)
+            if found.loss >= best.loss:
+                break
+            best, self.lines = found, found.lines
+        return best.lines
 
     def _note(self, loss: float) -> None:
         elapsed = time.perf_counter() - self.started
@@ -186,7 +192,7 @@ class _Run:
         entry = {"stage": "fibres", "iteration": number, "residual": None, "objective": loss, "elapsed_s": elapsed}
         self.history.append(entry)
         if self.progress is not None:
-            total = (self.method.options.jumps + 2) * ITERATIONS
+            total = (self.method.options.jumps + 2) * self.iterations
             self.progress(Progress("fibres", number, max(total, number), float("nan"), elapsed))
         limit = self.method.options.max_time_s
         if limit is not None and elapsed > limit:
