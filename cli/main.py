@@ -22,11 +22,16 @@ import rich_click as click
 from warp_caustics.errors import CausticsError, InputError, ResourceError
 
 EXIT_BUG, EXIT_USAGE, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 130, 143
+EXIT_FAILED = 7
+"""An inspected plate is out of tolerance, or cannot be shown to be within."""
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
+    "inspect": "cli.inspect:inspect",
     "compare": "cli.compare:compare",
     "simulate": "cli.simulate:simulate",
+    "capture": "cli.capture:capture",
+    "design": "cli.design:design",
     "train": "cli.train:train",
     "search": "cli.search:search",
     "weights": "cli.weights:weights",

@@ -4,7 +4,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,21 +16,31 @@ from warp_caustics.io.atomic import reason
 if TYPE_CHECKING:
     from cli.config import Config
     from cli.reconstruct import Inputs
+    from cli.report.content import ReportContent
+    from warp_caustics.inspection.findings import Inspection
     from warp_caustics.reconstruct.base import FloatArray, Reconstruction
 
-FILES = ("height.npy", "height.tif", "surface.stl", "result.json", "overview.png", "config.resolved.yaml")
+FILES = (
+    "height.npy", "height.tif", "surface.stl", "result.json", "overview.png", "report.html", "config.resolved.yaml",
+)  # fmt: skip
 """What a result folder holds."""
 
 UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 """What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
+FIBRE_FILES = ("printed_lines.csv",)
+"""What it holds besides where the method found the lines that were printed."""
 
-def check_target(target: str | Path, force: bool) -> Path:
+ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES)
+
+
+def check_target(target: str | Path, force: bool, files: Collection[str] = ALL_FILES) -> Path:
     """Path of a result folder, if it may be written.
 
     Args:
         target: path as given by a person.
         force: an earlier result there may be replaced.
+        files: what such a result consists of.
 
     Raises:
         InputError: in use for something else, or no place for a folder.
@@ -46,7 +56,7 @@ def check_target(target: str | Path, force: bool) -> Path:
     if not path.is_dir():
         raise InputError(f"output {name} is a file; name a folder")
     held = sorted(os.listdir(path))
-    foreign = [entry for entry in held if entry not in (*FILES, *UNCERTAINTY_FILES)]
+    foreign = [entry for entry in held if entry not in files]
     if foreign:
         raise InputError(f"output {name} holds other files ({', '.join(foreign)[:80]}); name a new folder")
     if held and not force:
@@ -55,7 +65,7 @@ def check_target(target: str | Path, force: bool) -> Path:
 
 
 @contextmanager
-def result_folder(target: Path, force: bool) -> Iterator[Path]:
+def result_folder(target: Path, force: bool, files: Collection[str] = ALL_FILES) -> Iterator[Path]:
     """Fill a folder that takes its name only when the block ends well.
 
     Yields a hidden folder beside ``target``. When the block raises (Ctrl-C and
@@ -64,6 +74,7 @@ def result_folder(target: Path, force: bool) -> Iterator[Path]:
     Args:
         target: path that :func:`check_target` returned.
         force: replace an earlier result.
+        files: what such a result consists of.
     """
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
@@ -72,7 +83,7 @@ def result_folder(target: Path, force: bool) -> Iterator[Path]:
         raise InputError(f"cannot create {str(target)!r} ({reason(error)}); choose another folder") from error
     try:
         yield temporary
-        _publish(temporary, check_target(target, force))
+        _publish(temporary, check_target(target, force, files))
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -144,11 +155,19 @@ def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None")
 
 
 def write_results(
-    folder: Path, result: "Reconstruction", inputs: "Inputs", config: "Config", record: Mapping[str, Any]
+    folder: Path,
+    result: "Reconstruction",
+    inputs: "Inputs",
+    config: "Config",
+    record: Mapping[str, Any],
+    inspection: "Inspection | None" = None,
 ) -> None:
     """Write the files of a result (``cli.results.FILES``) into a folder."""
     from cli.config import dump_config
     from cli.overview import overview_figure, uncertainty_figure, write_overview
+    from cli.report.write import write_report
+    from data_gen.fibres import Line
+    from data_gen.line_list import write_lines
     from warp_caustics.io.atomic import atomic_path
     from warp_caustics.io.heights import write_heights
     from warp_caustics.io.mesh import height_field_mesh, write_mesh
@@ -158,6 +177,8 @@ def write_results(
         write_heights(folder / "uncertainty.npy", result.uncertainty_m)
         write_heights(folder / "uncertainty.tif", result.uncertainty_m)
         write_overview(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
+    if result.fibres_m is not None:
+        write_lines(folder / "printed_lines.csv", [Line((a, b), (c, d), w, h) for a, b, c, d, w, h in result.fibres_m])
     write_heights(folder / "height.npy", result.heights_m)
     write_heights(folder / "height.tif", result.heights_m)
     write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
@@ -169,9 +190,34 @@ def write_results(
         caption=f"{result.method}: {'; '.join(_figures(result, record))}",
     )
     write_overview(folder / "overview.png", figure)
+    write_report(folder / "report.html", _report_content(result, inputs, config, record, inspection))
     for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
         with atomic_path(folder / name) as path:
             path.write_text(text, encoding="utf-8")
+
+
+def _report_content(
+    result: "Reconstruction",
+    inputs: "Inputs",
+    config: "Config",
+    record: Mapping[str, Any],
+    inspection: "Inspection | None",
+) -> "ReportContent":
+    from cli.report.content import ReportContent
+
+    return ReportContent(
+        title=os.path.basename(inputs.files["image"]["path"]),
+        scene=config.scene,
+        record=record,
+        measured=inputs.capture.irradiance,
+        simulated=result.image,
+        heights_m=result.heights_m,
+        uncertainty_m=result.uncertainty_m,
+        reference_m=inputs.reference,
+        stages=inputs.capture.stages,
+        inspection=inspection,
+        mask=inputs.capture.mask,
+    )
 
 
 def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
@@ -185,6 +231,8 @@ def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
 def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
     """A few lines for people."""
     files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
+    if result.fibres_m is not None:
+        files = (*files, *FIBRE_FILES)
     low, high = (height * 1e3 for height in record["height_range_m"])
     lines = [
         f"result     {output}: {', '.join(files)}",
@@ -193,6 +241,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         f"residual   {result.residual:.4g} of the image",
         f"heights    {low:.4g} to {high:.4g} mm",
     ]
+    if result.fibres_m is not None:
+        lines.append(f"lines      {len(result.fibres_m)} printed lines, in {FIBRE_FILES[0]}")
     errors = record["errors"]
     if errors:
         lines.append(

@@ -86,22 +86,42 @@ def line_relief(
     """
     if samples < 1 or not 1 <= supersampling <= MAX_SUPERSAMPLING:
         raise InputError(f"{samples} samples, supersampling {supersampling}; use at least 1, up to {MAX_SUPERSAMPLING}")
-    points = samples * supersampling
-    x, y = (cell_centres(points, length) for length in plate_size_m)
-    fine = np.zeros((points, points))
+    relief = np.zeros((samples, samples))
     for line in lines:
-        rows, columns = (_reach(line, axis, positions) for axis, positions in ((1, y), (0, x)))
-        distance = _distance_to_segment(line, x[None, columns], y[rows, None])
-        fine[rows, columns] += line_profile(distance, line.width_m, line.height_m, profile)
-    relief: FloatArray = fine.reshape(samples, supersampling, samples, supersampling).mean(axis=(1, 3))
+        rows, columns, patch = line_patch(line, samples, plate_size_m, profile=profile, supersampling=supersampling)
+        relief[rows, columns] += patch
     return relief
 
 
-def _reach(line: Line, axis: int, positions_m: FloatArray) -> slice:
-    """Indices along an axis that the line can touch."""
+def line_patch(
+    line: Line,
+    samples: int,
+    plate_size_m: tuple[float, float],
+    *,
+    profile: Profile = "cosine",
+    supersampling: int = 4,
+) -> tuple[slice, slice, FloatArray]:
+    """Relief of one line where it is: rows and columns of a relief [n, n], and the heights there [m]."""
+    x, y = (cell_centres(samples, length) for length in plate_size_m)
+    pitch = tuple(length / samples for length in plate_size_m)
+    rows, columns = _reach(line, 1, y, pitch[1]), _reach(line, 0, x, pitch[0])
+    patch = np.zeros((rows.stop - rows.start, columns.stop - columns.start))
+    # Most cells around an inclined line are bare: points within cells are looked at only where it can be.
+    distance = _distance_to_segment(line, x[None, columns], y[rows, None])
+    touched = np.nonzero(distance < line.width_m / 2 + math.hypot(*pitch) / 2)
+    within = (np.arange(supersampling) + 0.5) / supersampling - 0.5
+    points_x = x[columns][touched[1], None, None] + within[None, None, :] * pitch[0]
+    points_y = y[rows][touched[0], None, None] + within[None, :, None] * pitch[1]
+    fine = line_profile(_distance_to_segment(line, points_x, points_y), line.width_m, line.height_m, profile)
+    patch[touched] = fine.mean(axis=(1, 2))
+    return rows, columns, patch
+
+
+def _reach(line: Line, axis: int, centres_m: FloatArray, pitch_m: float) -> slice:
+    """Cells along an axis that the line can touch."""
     ends = line.start_m[axis], line.end_m[axis]
-    half = line.width_m / 2
-    return slice(*np.searchsorted(positions_m, (min(ends) - half, max(ends) + half)).tolist())
+    half = line.width_m / 2 + pitch_m / 2
+    return slice(*np.searchsorted(centres_m, (min(ends) - half, max(ends) + half)).tolist())
 
 
 def _distance_to_segment(line: Line, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -98,7 +98,7 @@ def picture_rows(image: npt.NDArray[Any], rows: int = 48) -> tuple[str, ...]:
     if not np.isfinite(grey).all() or np.ptp(grey) == 0:
         raise InputError("picture has no contrast or is not finite; give dark shapes on a bright ground")
     columns = max(1, round(rows * image.shape[1] / image.shape[0]))
-    small = resize(grey, (rows, columns), order=1, anti_aliasing=True)  # type: ignore[no-untyped-call]
+    small = resize(grey, (rows, columns), order=1, anti_aliasing=True)
     dark = small < (grey.min() + grey.max()) / 2
     return tuple("".join("#" if cell else "." for cell in row) for row in dark)
 

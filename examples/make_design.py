@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from data_gen.fibres import Line, line_relief
+from data_gen.line_list import read_lines
 
 SEED = 11
 PLATE_SIZE_M = (0.05, 0.05)
@@ -33,8 +34,7 @@ def designed(line: Line, rng: np.random.Generator) -> Line:
 def main() -> None:
     """Check that the lines are those of the print, and write the design."""
     data = Path(__file__).parent / "data"
-    numbers = np.loadtxt(data / "printed_lines.csv", delimiter=",", skiprows=1).tolist()
-    printed = [Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in numbers]
+    printed = read_lines(data / "printed_lines.csv")
     truth = line_relief(printed, SAMPLES, PLATE_SIZE_M, supersampling=1)
     assert np.abs(truth - np.load(data / "true_heights.npy")).max() < 1e-12
     rng = np.random.default_rng(SEED)

@@ -36,7 +36,7 @@ def test_result_files_are_those_written():
     from cli.results import FILES
 
     table = README.split("| file | content |")[1].split("\n\n")[0]
-    assert set(re.findall(r"`([a-z.]+\.(?:npy|tif|stl|png|json|yaml))`", table)) == set(FILES)
+    assert set(re.findall(r"`([a-z.]+\.(?:npy|tif|stl|png|html|json|yaml))`", table)) == set(FILES)
 
 
 def test_exit_codes_are_those_used():
@@ -45,7 +45,7 @@ def test_exit_codes_are_those_used():
 
     codes = {int(code) for code in re.findall(r"^\| (\d+) \|", README, re.M)}
     classes = [errors.InputError, errors.DamagedDataError, errors.MismatchError, errors.ResourceError]
-    used = {0, main.EXIT_BUG, main.EXIT_USAGE, main.EXIT_INTERRUPTED, main.EXIT_TERMINATED}
+    used = {0, main.EXIT_BUG, main.EXIT_USAGE, main.EXIT_INTERRUPTED, main.EXIT_TERMINATED, main.EXIT_FAILED}
     assert codes == used | {error.exit_code for error in classes}
 
 

@@ -76,3 +76,12 @@ def refractive_index(glass: str | float, wavelength_m: float) -> float:
             f"the range of the dispersion formula of {glass}; give metres (530 nm is 530e-9)"
         )
     return _GLASSES[glass](wavelength_m * 1e6)
+
+
+_DENSITIES_KG_M3: dict[str, float] = {"fused_silica": 2200.0, "n_bk7": 2510.0, "soda_lime": 2500.0}
+"""Fused silica and N-BK7 from their data sheets, rounded; float glass varies by 1 %."""
+
+
+def density(glass: str | float) -> float | None:
+    """Density of a glass [kg/m^3]; None where only its index is known."""
+    return _DENSITIES_KG_M3.get(glass) if isinstance(glass, str) else None

@@ -76,6 +76,8 @@ class Inspection:
         nominal_volume_m3: the design's [m^3].
         mass_kg: printed mass [kg].
         warnings: what a person should know.
+        undecided: True where the measurement cannot tell, shape [n, n]; None if that was not asked.
+        limit_m: largest vertical deviation allowed [m], shape [n, n]: the tolerance along the surface's normal.
     """
 
     verdict: Verdict
@@ -91,3 +93,5 @@ class Inspection:
     nominal_volume_m3: float
     mass_kg: float
     warnings: tuple[str, ...] = ()
+    undecided: npt.NDArray[np.bool_] | None = None
+    limit_m: FloatArray | None = None

@@ -165,26 +165,19 @@ class _Run:
         coarse = fine
         if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
             coarse = ImageFit(scene, self.image, method.model, pixels // 2, report=self._note)
-        # Which lines there are, a coarse image says as well, for a quarter of the time; where they are, the fine one.
-        found = self._searched(coarse, start)
-        before = fine.loss(method.model.heights(start))
-        if fine.loss(method.model.heights(found)) > before:
-            found = start
-        self.lines = fine.descend(found, self.iterations).lines
-
-    def _searched(self, fit: ImageFit, lines: torch.Tensor) -> torch.Tensor:
-        """Lines after descents and jumps in turn."""
-        best = fit.descend(lines, self.iterations)
+        best = fine.descend(start, self.iterations)
         self.lines = best.lines
-        for _ in range(self.method.options.jumps):
-            moved, has_jumped = jump(fit, best.lines)
+        for _ in range(method.options.jumps):
+            # What a jump gains, a coarse image says as well, for a quarter of the time.
+            moved, has_jumped = jump(coarse, best.lines)
             if not has_jumped:
                 break
-            found = fit.descend(moved, self.iterations)
+            found = fine.descend(moved, self.iterations)
             if found.loss >= best.loss:
                 break
             best, self.lines = found, found.lines
-        return best.lines
+        # A fresh start of L-BFGS goes on where the last one had lost its way.
+        self.lines = fine.descend(best.lines, self.iterations).lines
 
     def _note(self, loss: float) -> None:
         elapsed = time.perf_counter() - self.started

@@ -1,0 +1,112 @@
+"""``nsfc inspect``: a printed plate against its design, from one caustic image."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import rich_click as click
+
+from cli.capture_options import capture_options, capture_settings
+from cli.console import Console
+from cli.inspection.length import length
+from cli.options import config_options, device_option, json_option, number
+
+
+@click.command()
+@click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=click.Path())
+@click.option(
+    "--nominal",
+    metavar="DESIGN",
+    type=click.Path(),
+    required=True,
+    help="Height map in metres, solid in millimetres (.stl, .ply, .obj), or list of printed lines (.csv, .yaml).",
+)
+@click.option(
+    "--tolerance",
+    metavar="LENGTH",
+    type=length,
+    required=True,
+    help="Largest distance from the nominal surface, e.g. 50um, 0.05mm or 5e-5 (metres).",
+)
+@click.option(
+    "-o", "--output", type=click.Path(), required=True, help="Folder for the result, or for those of many plates."
+)
+@click.option("--mask", type=click.Path(), help="Image or height map of the plate; only where it is not 0 is judged.")
+@click.option("--margin", metavar="LENGTH", type=length, default="0", help="Border that is not judged, e.g. 1mm.")
+@click.option(
+    "--density", metavar="KG_M3", type=number, help="Of the glass [kg/m^3]. [default: that of the scene's glass]"
+)
+@click.option(
+    "--watch",
+    metavar="SECONDS",
+    type=number,
+    help="IMAGE is a folder; look for new images so often, until Ctrl-C.",
+)
+@click.option("--force", is_flag=True, help="Replace earlier results; of many plates, inspect each again.")
+@capture_options
+@device_option
+@config_options
+@json_option
+def inspect(
+    images: tuple[str, ...],
+    nominal: str,
+    tolerance: float,
+    output: str,
+    mask: str | None,
+    margin: float,
+    density: float | None,
+    watch: float | None,
+    force: bool,
+    capture: Mapping[str, Any],
+    device: str,
+    config_source: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Compare the printed plate behind IMAGE with its DESIGN: deviation, regions, fibres, volume, verdict.
+
+    Of several images, a folder or a pattern, each plate's result goes to OUTPUT/name-of-the-image, and
+    OUTPUT/plates.csv has a row for each. The exit code is 0 if every plate is shown to be within tolerance, 7 if not.
+    """
+    from cli.batch import image_list
+    from cli.config import load_config
+    from cli.inspection.design import judged_part, read_design
+    from cli.inspection.job import InspectionJob
+    from cli.inspection.series import run_series, run_watch
+    from cli.results import check_target
+    from warp_caustics.errors import InputError
+
+    if not tolerance > 0:
+        raise click.BadParameter("0 would fail every plate; give a length such as 50um", param_hint="--tolerance")
+    if density is not None and not density > 0:
+        raise click.BadParameter(f"{density:g} is not above 0; fused silica has 2200", param_hint="--density")
+    if watch is not None and not (watch > 0 and len(images) == 1):
+        raise click.BadParameter("give seconds above 0 and one folder of images", param_hint="--watch")
+    console = Console(as_json)
+    found = images[0] if watch is not None else image_list(images)
+    config = load_config(config_source, settings, {})
+    capture_settings(capture)  # what is wrong with it is wrong for every image
+    files = {"nominal": nominal} | ({} if mask is None else {"mask": mask})
+    job = InspectionJob(
+        config=config,
+        design=read_design(nominal, config.scene),
+        judged=judged_part(mask, margin, config.scene),
+        tolerance_m=tolerance,
+        margin_m=margin,
+        density_kg_m3=density,
+        files=files,
+        capture=capture,
+        device=device,
+        force=force,
+        console=console,
+    )
+    if watch is not None:
+        from pathlib import Path
+
+        if not Path(images[0]).is_dir():
+            raise InputError(f"{images[0]!r} is no folder; --watch looks into one")
+        return run_watch(job, images[0], output, watch)
+    if not isinstance(found, str):
+        return run_series(job, found, output)
+    outcome = job.run(found, check_target(output, force, job.files_written), output)
+    console.record(outcome.record)
+    return outcome.exit_code

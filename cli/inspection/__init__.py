@@ -1,0 +1,1 @@
+"""Parts of `nsfc inspect`: design, mask, files, pictures, the table of plates, the watched folder."""

@@ -1,0 +1,214 @@
+"""One plate: read, reconstruct, compare with the design, write."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cli.capture_options import capture_settings, file_records
+from cli.console import Console, json_text
+from cli.inspection.files import INSPECTION_FILES, inspection_record, write_inspection
+from cli.main import EXIT_FAILED
+from cli.options import start_device
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from cli.config import Config
+    from cli.inspection.design import Design
+    from cli.reconstruct import Inputs
+    from nets.reconstruct.design import DesignResult, FromDesign
+    from warp_caustics.inspection.findings import Inspection
+
+EXIT_CODES = {"pass": 0, "fail": EXIT_FAILED, "uncertain": EXIT_FAILED}
+"""Exit code of each verdict: a plate that cannot be shown to be good does not pass."""
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionOutcome:
+    """What became of one plate.
+
+    Attributes:
+        inspection: comparison with the design.
+        record: the same as in inspection.json.
+    """
+
+    inspection: "Inspection"
+    record: Mapping[str, Any]
+
+    @property
+    def exit_code(self) -> int:
+        return EXIT_CODES[self.inspection.verdict]
+
+
+@dataclass(eq=False)
+class InspectionJob:
+    """An inspection but for its image; the networks are loaded once, with the first.
+
+    Attributes:
+        config: scene, and options of the reconstruction.
+        design: what was meant.
+        judged: True where the plate is judged, shape [n, n].
+        tolerance_m: [m].
+        margin_m: border that is not judged [m], for the record.
+        density_kg_m3: of the glass; None takes that of the scene's.
+        files: paths by role: nominal, mask.
+        capture: options on how to read an image, see :mod:`cli.capture_options`.
+        device: value of --device.
+        force: replace earlier results.
+        console: where to report.
+    """
+
+    config: "Config"
+    design: "Design"
+    judged: "npt.NDArray[np.bool_]"
+    tolerance_m: float
+    margin_m: float
+    density_kg_m3: float | None
+    files: Mapping[str, str]
+    capture: Mapping[str, Any]
+    device: str
+    force: bool
+    console: Console
+    files_written = INSPECTION_FILES
+    _method: "FromDesign | None" = None
+
+    @cached_property
+    def settings(self) -> str:
+        """Hash of all that a verdict depends on besides the image."""
+        import hashlib
+
+        frames = {key: value for key, value in self.capture.items() if value is not None}
+        tree = {
+            "config": self.config.fingerprint(),
+            "files": {kind: file["sha256"] for kind, file in file_records(self.files).items()},
+            "tolerance_m": self.tolerance_m,
+            "margin_m": self.margin_m,
+            "density_kg_m3": self.density_kg_m3,
+            "capture": frames,
+        }
+        return hashlib.sha256(json_text(tree).encode()).hexdigest()[:16]
+
+    def method(self) -> "FromDesign":
+        """The reconstruction, made at the first call.
+
+        Raises:
+            InputError: options that it does not know.
+        """
+        if self._method is None:
+            from nets.reconstruct.design import DesignOptions, FromDesign
+
+            options = DesignOptions(**self.config.reconstruction.options)
+            self._method = FromDesign(self.config.scene, options, start_device(self.device))
+        return self._method
+
+    def run(self, image: str, target: Path, output: str, force: bool = False) -> InspectionOutcome:
+        """Inspect one plate and write its result.
+
+        Args:
+            image: path.
+            target: folder that :func:`cli.results.check_target` returned.
+            output: the same as a person wrote it.
+            force: replace an earlier result, whatever --force says.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C; nothing is written, a measurement cut short judges no plate.
+        """
+        from cli.reconstruct import read_inputs
+        from cli.results import result_folder, result_record, write_results
+
+        console, config = self.console, self.config
+        inputs = read_inputs({"image": image, **self.files}, config.scene, capture_settings(self.capture, image))
+        for warning in inputs.capture.warnings:
+            console.warn(warning)
+        method = self.method()
+        title = os.path.basename(image)
+        with result_folder(target, force or self.force, self.files_written) as folder:
+            with console.progress() as progress:
+                found = method.reconstruct(inputs.caustic, self.design.nominal_m, self.design.lines, progress=progress)
+            if found.reconstruction.stop_reason == "interrupted":
+                raise KeyboardInterrupt
+            inspection = self.judge(found, inputs)
+            result = result_record(found.reconstruction, inputs, config)
+            record = {
+                "image": image,
+                "design": self.design.how,
+                **inspection_record(inspection),
+                "residual": found.reconstruction.residual,
+                "uncertainty": result["uncertainty"],
+                "timings_s": found.reconstruction.timings_s,
+                "inputs": inputs.files,
+                "config_fingerprint": config.fingerprint(),
+                "versions": result["versions"],
+                "created": result["created"],
+            }
+            write_results(folder, found.reconstruction, inputs, config, result, inspection)
+            write_inspection(folder, inspection, config.scene, title, record)
+        for warning in (*found.reconstruction.warnings, *inspection.warnings):
+            console.warn(warning)
+        for line in summary(output, inspection, record):
+            console.line(line)
+        return InspectionOutcome(inspection, {"output": output, **record})
+
+    def judge(self, found: "DesignResult", inputs: "Inputs") -> "Inspection":
+        """Compare a reconstruction with the design."""
+        from data_gen.fibre_findings import fibre_findings
+        from data_gen.line_tolerance import line_limit
+        from warp_caustics.inspection.compare import inspect_plate
+
+        scene, result = self.config.scene, found.reconstruction
+        heights, nominal, lines = result.heights_m, self.design.nominal_m, self.design.lines
+        limit = None
+        if lines:
+            limit = line_limit(lines, scene.height_samples, scene.plate_size_m, self.tolerance_m)
+
+        def compared(fibres: Any) -> "Inspection":
+            return inspect_plate(
+                heights,
+                nominal,
+                scene,
+                self.tolerance_m,
+                sigma_m=result.uncertainty_m,
+                mask=self.judged,
+                fibres=fibres,
+                limit_m=limit,
+                density_kg_m3=self.density_kg_m3,
+            )
+
+        first = compared(())
+        if not lines:
+            return first
+        assert first.limit_m is not None
+        return compared(
+            fibre_findings(
+                lines,
+                found.lines,
+                first.out_of_tolerance,
+                first.deviation_m,
+                first.limit_m,
+                self.tolerance_m,
+                scene.plate_size_m,
+            )
+        )
+
+
+def summary(output: str, found: "Inspection", record: Mapping[str, Any]) -> list[str]:
+    """A few lines for people."""
+    odd = [fibre for fibre in found.fibres if fibre.status != "as designed"]
+    lines = [f"verdict    {found.verdict}", *(f"           {reason}" for reason in found.reasons)]
+    lines.append(
+        f"deviation  RMS {record['rms_deviation_m'] * 1e6:.3g} um, largest {record['peak_deviation_m'] * 1e6:.4g} um; "
+        f"tolerance {found.tolerance_m * 1e6:g} um along the surface's normal"
+    )
+    lines.append(
+        f"volume     {found.volume_m3 * 1e9:.4g} mm^3 (nominal {found.nominal_volume_m3 * 1e9:.4g}), "
+        f"{found.mass_kg * 1e3:.4g} g"
+    )
+    if found.fibres:
+        lines.append(f"fibres     {len(found.fibres)}, {len(found.fibres) - len(odd)} as designed")
+    lines.append(f"residual   {record['residual']:.4g} of the image")
+    lines.append(f"result     {output}: inspection.png, report.html, inspection.json, regions.csv, ...")
+    return lines

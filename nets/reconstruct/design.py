@@ -1,0 +1,285 @@
+"""Reconstruction of a plate whose design is known: what was meant, unless the image says otherwise.
+
+Descent from the design finds small deviations exactly and large ones (a
+missing fibre) never; a network that is told nothing finds large ones, and errs
+on folds and crossings, where several reliefs give the image. So
+
+1. both are candidates, and, for a design that is a list of lines, a third: the
+   lines as they are found in the network's answer (``data_gen.line_fit``);
+2. part by part of the plate the candidate is taken whose caustic fits the
+   image there (``selection.py``);
+3. that is refined on the exact model, in the end at all pixels; the lines are
+   found once more, and the parts chosen once more.
+
+Limit: where no candidate is near the truth, the result is not either. The
+uncertainty (``design_uncertainty.py``) does not tell of it; the residual may.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+
+from data_gen.config import Profile
+from data_gen.fibres import Line, line_relief
+from data_gen.line_fit import FittedLine, fit_lines
+from nets.reconstruct import methods
+from nets.reconstruct.design_uncertainty import LINES, RELIEF, design_uncertainty, disagreement
+from nets.reconstruct.record import as_glass, finished
+from nets.reconstruct.selection import MisfitMap, better_parts
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.reconstruct.base import (
+    CausticImage,
+    FloatArray,
+    Progress,
+    ProgressCallback,
+    Reconstruction,
+    StopReason,
+)
+from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator, usable_device
+
+UNKNOWN_SPREAD_M = 5e-6
+"""Taken for the spread of an answer that has none, where lines are looked for in it [m]."""
+
+
+class DesignOptions(BaseModel):
+    """Settings of a reconstruction from a design."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    weights: str | None = None
+    """Weights file of the network; None takes a shipped one that knows the scene."""
+    coarse_iterations: Annotated[int, Field(ge=0, le=10_000)] = 40
+    """Steps of refinement at 2n pixels, for a design that is no list of lines."""
+    iterations: Annotated[int, Field(ge=0, le=10_000)] = 8
+    """Steps of refinement at all pixels."""
+    step_m: Annotated[float, Field(gt=0, le=1e-4, allow_inf_nan=False)] = 5e-6
+    """First step [m]."""
+    rounds: Annotated[int, Field(ge=1, le=10)] = 1
+    """How often parts of the plate are chosen in a row."""
+
+
+@dataclass(frozen=True, eq=False)
+class DesignResult:
+    """A plate whose design is known.
+
+    Attributes:
+        reconstruction: as every method returns it.
+        lines: the design's lines as they were printed; empty where the design is no list.
+    """
+
+    reconstruction: Reconstruction
+    lines: tuple[FittedLine, ...]
+
+
+class FromDesign:
+    """Reconstruction of plates of one scene with a known design.
+
+    Args:
+        scene: the set-up of the measurement.
+        options: see :class:`DesignOptions`.
+        device: where to compute.
+    """
+
+    name = "design"
+
+    def __init__(self, scene: Scene, options: DesignOptions | None = None, device: str | torch.device = "cpu"):
+        self.scene, self.options, self.device = scene, options or DesignOptions(), usable_device(device)
+        self.simulator = CausticSimulator(scene, "lattice", device=self.device)
+        self.refusal: str | None = None
+        try:
+            self.free = methods.create("direct", scene, device=self.device, refine=False, weights=self.options.weights)
+        except (InputError, MismatchError) as error:
+            if self.options.weights is not None:
+                raise
+            self.refusal = str(error)
+            self.free = methods.create("auto", scene, device=self.device)
+
+    def reconstruct(
+        self,
+        image: CausticImage,
+        nominal: FloatArray,
+        lines: Sequence[Line] = (),
+        *,
+        profile: Profile = "cosine",
+        progress: ProgressCallback | None = None,
+    ) -> DesignResult:
+        """Recover the relief.
+
+        Ctrl-C returns the best relief so far, ``stop_reason`` then is ``interrupted``.
+
+        Args:
+            image: the measured caustic.
+            nominal: the design's relief [m], shape [n, n].
+            lines: of which it consists, if it is a list of lines.
+            profile: of the lines.
+            progress: called after every iteration.
+
+        Raises:
+            InputError: image or design do not fit the scene.
+        """
+        check_image(image, self.scene)
+        check_initial(nominal, self.scene)
+        run = _Run(self, image, nominal, list(lines), profile, progress)
+        reason: StopReason = "max_iterations"
+        try:
+            run.all()
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        return run.result(reason)
+
+
+class _Run:
+    """State of one reconstruction."""
+
+    def __init__(
+        self,
+        method: FromDesign,
+        image: CausticImage,
+        nominal: FloatArray,
+        lines: list[Line],
+        profile: Profile,
+        progress: ProgressCallback | None,
+    ):
+        self.method, self.scene, self.options = method, method.scene, method.options
+        self.image, self.nominal, self.lines, self.profile = image, nominal.astype(np.float64), lines, profile
+        self.progress = progress
+        self.misfit = MisfitMap(method.simulator, image)
+        self.best: FloatArray = self.nominal
+        self.spread: FloatArray | None = None
+        self.free: FloatArray | None = None
+        self.fitted: tuple[FittedLine, ...] = ()
+        self.history: list[dict[str, Any]] = []
+        self.timings: dict[str, float] = {}
+        self.counters: dict[str, Any] = {"misfit": {"nominal": self.total(self.nominal)}}
+        self.warnings: list[str] = []
+        self.started = time.perf_counter()
+
+    def all(self) -> None:
+        """Every step, one after the other."""
+        self._timed("free", self._answer)
+        assert self.free is not None
+        candidates = [self.free, self.nominal]
+        if self.lines:
+            candidates.append(self._timed("lines", self._lines_in, self.free))
+        self._timed("selection", self._select, candidates, self.options.rounds)
+        if self.options.coarse_iterations and not self.lines:
+            self._timed("refinement", self._refine, self._coarse_pixels(), self.options.coarse_iterations)
+            self._timed("selection", self._select, candidates, 1)
+        if self.options.iterations:
+            self._timed("refinement", self._refine, self.scene.image_pixels, self.options.iterations)
+        if self.lines:
+            again = self._timed("lines", self._lines_in, self.best)
+            self._timed("selection", self._select, [again], 1)
+
+    def total(self, heights_m: FloatArray) -> float:
+        """Mean misfit of a relief [1]."""
+        return float(self.misfit(heights_m).mean())
+
+    def _timed(self, name: str, step: Callable[..., Any], *arguments: Any) -> Any:
+        started = time.perf_counter()
+        try:
+            return step(*arguments)
+        finally:
+            self.timings[name] = self.timings.get(name, 0.0) + time.perf_counter() - started
+
+    def _answer(self) -> None:
+        """The relief that a method finds that is told nothing of the design."""
+        result = self.method.free.reconstruct(self.image, progress=self.progress)
+        self.history += result.history
+        self.free = as_glass(result.heights_m, self.scene)
+        if result.uncertainty_m is not None:
+            self.spread = result.uncertainty_m.astype(np.float64)
+        else:
+            self.spread = None
+        self.counters["misfit"]["free"] = self.total(self.free)
+        self.counters["free_method"] = result.method
+        if self.method.refusal is not None:
+            self.warnings.append(f"no network can be used ({self.method.refusal}); {result.method} stands in for it")
+        self.warnings += result.warnings if result.method == "direct" else ()
+        if result.stop_reason == "interrupted":
+            raise KeyboardInterrupt
+
+    def _lines_in(self, heights_m: FloatArray) -> FloatArray:
+        """Relief of the design's lines where a relief has them."""
+        spread = np.full(heights_m.shape, UNKNOWN_SPREAD_M) if self.spread is None else self.spread
+        self.fitted = tuple(fit_lines(self.lines, heights_m, spread, self.scene.plate_size_m, profile=self.profile))
+        found = line_relief(
+            [fit.line for fit in self.fitted], len(heights_m), self.scene.plate_size_m, profile=self.profile
+        )
+        self.counters["misfit"]["lines"] = self.total(found)
+        return found
+
+    def _select(self, candidates: Sequence[FloatArray], rounds: int) -> None:
+        start = min((self.best, *candidates), key=self.total)
+        pitch = min(self.scene.sample_pitch_m)
+        self.best = better_parts(self.misfit, start, candidates, pitch, rounds)
+        self.counters["misfit"]["selection"] = self.total(self.best)
+
+    def _coarse_pixels(self) -> int:
+        return RefineOptions().resolved("height", False, self.scene, "cpu").finest_pixels or self.scene.image_pixels
+
+    def _refine(self, pixels: int, iterations: int) -> None:
+        refine = Refine(
+            self.scene,
+            RefineOptions(
+                metric="height",
+                coarsest_pixels=pixels,
+                finest_pixels=pixels,
+                max_iterations=iterations,
+                step_m=self.options.step_m,
+            ),
+            self.method.device,
+        )
+        result = refine.reconstruct(self.image, initial=self.best, progress=self._shifted(iterations))
+        done, elapsed = len(self.history), time.perf_counter() - self.started
+        self.history += [
+            entry | {"iteration": done + k + 1, "elapsed_s": elapsed + entry["elapsed_s"]}
+            for k, entry in enumerate(result.history)
+        ]
+        # Binned to fewer pixels the misfit may fall while that of all pixels rises a little; later steps mend it.
+        if pixels < self.scene.image_pixels or self.total(result.heights_m) < self.total(self.best):
+            self.best = result.heights_m
+        self.counters["misfit"]["refinement"] = self.total(self.best)
+        if result.stop_reason == "interrupted":
+            raise KeyboardInterrupt
+
+    def _shifted(self, iterations: int) -> ProgressCallback | None:
+        report, done, started = self.progress, len(self.history), self.started
+        if report is None:
+            return None
+
+        def show(state: Progress) -> None:
+            elapsed = time.perf_counter() - started
+            report(Progress("refinement", done + state.iteration, done + iterations, state.residual, elapsed))
+
+        return show
+
+    def result(self, reason: StopReason) -> DesignResult:
+        """What was found so far."""
+        sigma = None
+        if self.spread is not None:
+            sigma = design_uncertainty(self.spread, LINES if self.lines else RELIEF)
+        elif self.free is not None:
+            sigma = disagreement(self.best, self.free)
+        reconstruction = finished(
+            FromDesign.name,
+            self.method.simulator,
+            self.image,
+            as_glass(self.best, self.scene),
+            reason=reason,
+            history=self.history,
+            timings=self.timings,
+            counters=self.counters,
+            settings=self.options.model_dump() | {"free": self.method.free.name, "lines": len(self.lines)},
+            warnings=self.warnings,
+            uncertainty=sigma,
+        )
+        return DesignResult(reconstruction, self.fitted)

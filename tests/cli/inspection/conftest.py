@@ -1,0 +1,49 @@
+"""A reconstruction that only pretends, to test what an inspection does with one."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import cli.inspection.job
+from data_gen.line_fit import FittedLine
+from nets.reconstruct.design import DesignResult
+from warp_caustics.reconstruct.base import Reconstruction
+
+CONFIG = ("--config", "small", "--device", "cpu", "--tolerance", "50um")
+
+
+@dataclass
+class FakeMethod:
+    """Answers with the design plus ``excess_m``; ``fail`` is raised."""
+
+    excess_m: np.ndarray = field(default_factory=lambda: np.zeros((32, 32)))
+    fail: BaseException | None = None
+    stop_reason: str = "max_iterations"
+    calls: int = 0
+
+    def reconstruct(self, image, nominal, lines=(), *, progress=None):
+        self.calls += 1
+        if self.fail is not None:
+            raise self.fail
+        result = Reconstruction(
+            "design", nominal + self.excess_m, 0.9 * image.irradiance, 0.1, self.stop_reason,
+            timings_s={"free": 0.5}, uncertainty_m=np.full(nominal.shape, 1e-6),
+        )  # fmt: skip
+        return DesignResult(result, tuple(FittedLine(line, 0.0, 0.0, 1e-6, 1e-6) for line in lines))
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Takes the place of the reconstruction."""
+    method = FakeMethod()
+    monkeypatch.setattr(cli.inspection.job.InspectionJob, "method", lambda job: method)
+    return method
+
+
+@pytest.fixture
+def lines_csv(tmp_path):
+    """The line behind the image of ``inputs``."""
+    path = tmp_path / "lines.csv"
+    path.write_text("start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_um\n-12,-10,12,8,6,300\n")
+    return path

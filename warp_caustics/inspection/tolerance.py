@@ -1,0 +1,127 @@
+"""Where a plate is out of tolerance, where it is in, and where the measurement cannot tell.
+
+The tolerance zone is that of ISO 1101's profile of a surface: all points not
+farther from the nominal surface than the tolerance t, measured along its
+normal. Where the surface has the slope s, that allows vertical deviations up to
+t sqrt(1 + s^2). Without this, a fibre with a flank of 45 degrees would be out of
+tolerance by its height as soon as it is by its place.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.ndimage
+
+from warp_caustics.errors import InputError
+from warp_caustics.inspection.findings import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
+
+COVERAGE_FACTOR = 2.0
+"""k: a deviation counts as certain when it exceeds the tolerance by k standard uncertainties."""
+SMALLEST_CELLS = 5
+"""A connected part of fewer cells is taken for an error of the measurement: its heights are correlated over about
+two cells, so that a single wrong one looks like up to four."""
+BARE_M = 1e-6
+"""A nominal height up to which the plate is bare [m]."""
+FEWEST_BARE = 0.02
+"""Share of the judged plate that must be bare for its level to be taken from there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Zones:
+    """Verdict of every cell, shape [n, n] each.
+
+    Attributes:
+        out: certainly out of tolerance.
+        undecided: beyond tolerance or not, the uncertainty does not tell.
+        limit_m: largest vertical deviation allowed [m].
+    """
+
+    out: BoolArray
+    undecided: BoolArray
+    limit_m: FloatArray
+
+
+def vertical_limit(nominal_m: FloatArray, tolerance_m: float, pitch_m: tuple[float, float]) -> FloatArray:
+    """Largest vertical deviation inside the tolerance zone [m], shape [n, n].
+
+    The slope of a cell is the steeper of its two sides, along x and along y, so that crests and feet of narrow
+    fibres, whose central difference is 0, have one too.
+
+    Args:
+        nominal_m: the design's relief [m], shape [n, n].
+        tolerance_m: t [m].
+        pitch_m: distance of samples along x and y [m].
+    """
+    squared = np.zeros_like(nominal_m, dtype=np.float64)
+    for axis, pitch in ((0, pitch_m[1]), (1, pitch_m[0])):
+        step = np.abs(np.diff(nominal_m.astype(np.float64), axis=axis)) / pitch
+        before = np.pad(step, [(1, 0) if a == axis else (0, 0) for a in (0, 1)])
+        after = np.pad(step, [(0, 1) if a == axis else (0, 0) for a in (0, 1)])
+        squared += np.maximum(before, after) ** 2
+    limit: FloatArray = tolerance_m * np.sqrt(1 + squared)
+    return limit
+
+
+def level(deviation_m: FloatArray, nominal_m: FloatArray, mask: BoolArray) -> tuple[float, str]:
+    """The height to take from a deviation before it is judged, and where it comes from.
+
+    One image hardly shows the thickness of a plate. Its bare part tells where zero is: the median deviation there.
+    Where hardly any of the plate is bare, the median of all that is judged stands in.
+
+    Args:
+        deviation_m: measured minus nominal [m], shape [n, n].
+        nominal_m: the design's relief [m], shape [n, n].
+        mask: True where the plate is judged, shape [n, n].
+
+    Returns:
+        Offset [m], and the part of the plate in words.
+    """
+    bare = mask & (np.abs(nominal_m - nominal_m[mask].min()) <= BARE_M)
+    if bare.sum() >= FEWEST_BARE * mask.sum():
+        return float(np.median(deviation_m[bare])), "the bare plate"
+    return float(np.median(deviation_m[mask])), "all that is judged, since hardly any of the plate is bare"
+
+
+def zones(
+    deviation_m: FloatArray,
+    sigma_m: FloatArray | None,
+    limit_m: FloatArray,
+    mask: BoolArray,
+    *,
+    coverage: float = COVERAGE_FACTOR,
+    smallest_cells: int = SMALLEST_CELLS,
+) -> Zones:
+    """Judge every cell.
+
+    A cell is out where |deviation| - k sigma exceeds the limit; it is undecided where |deviation| exceeds the
+    limit but not by k sigma, or where 2 k sigma exceeds it, so that an error as large as the limit could hide.
+    Connected parts of fewer than ``smallest_cells`` are dropped.
+
+    Args:
+        deviation_m: measured minus nominal, level removed [m], shape [n, n].
+        sigma_m: standard uncertainty of the heights [m], shape [n, n]; None if the method has none.
+        limit_m: see :func:`vertical_limit`.
+        mask: True where the plate is judged, shape [n, n].
+        coverage: k.
+        smallest_cells: least size of a part.
+    """
+    if not mask.any():
+        raise InputError("the mask leaves nothing of the plate to judge; mark the judged part with values other than 0")
+    sigma = np.zeros_like(limit_m) if sigma_m is None else sigma_m
+    size = np.abs(deviation_m)
+    beyond = mask & (size > limit_m)
+    out = without_specks(mask & (size - coverage * sigma > limit_m), smallest_cells)
+    blind = mask & (coverage * sigma > limit_m)
+    undecided = without_specks((beyond | blind) & ~out, smallest_cells)
+    return Zones(out, undecided, limit_m)
+
+
+def without_specks(marked: BoolArray, smallest_cells: int) -> BoolArray:
+    """Only connected parts of at least so many cells, diagonal neighbours included."""
+    labels, _ = scipy.ndimage.label(marked, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    kept: BoolArray = marked & (sizes[labels] >= smallest_cells)
+    return kept
