@@ -28,6 +28,9 @@ STEP_MM = 1e-3
 BORDER = 1
 """Ring of pixels that does not count: what happens at the edge of a plate is not in the model."""
 TOLERANCE = 1e-5
+PHOTONS_PER_PIXEL = 16
+"""With the four of a usual lattice, wrong lines explained a field's image at 256 pixels better (0.0035) than the true
+ones (0.0050), having fitted the lattice; with sixteen, worse (0.0019 and 0.0011)."""
 
 
 class TimeUp(Exception):
@@ -71,7 +74,8 @@ class ImageFit:
         ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
         scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
         self.model, self.width, self.report = model, width, report
-        self.simulator = CausticSimulator(scene_at, "lattice", device=model.device)
+        photons = PHOTONS_PER_PIXEL * pixels**2
+        self.simulator = CausticSimulator(scene_at, "lattice", n_photons=photons, device=model.device)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER)
         self.evaluations, self.started = 0, time.perf_counter()
 

@@ -12,33 +12,42 @@ from scipy import ndimage
 from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
 
-LENGTHS_MM = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)
-FACTORS = (0.5, 0.7, 1.4, 2.0)
+LENGTHS_MM = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+FACTORS = (0.6, 1.5)
 GAIN = 0.995
 """A jump must lower the misfit by this factor."""
-SUSPECTS = 8
-"""Lines tried in one round: those with the worst misfit under them."""
+RESHAPED = 6
+"""Lines whose width and height are tried too: those with the worst misfit under them."""
+SHORTEST_MM = 0.1
 
 
-def jumps(line: torch.Tensor) -> Iterator[torch.Tensor]:
-    """Lines that one line may be instead, each of shape [6] [mm]."""
-    along = line[2:4] - line[:2]
-    length = float(along.norm()) + 1e-9
+def stretches(line: torch.Tensor) -> Iterator[tuple[torch.Tensor, int, float]]:
+    """Lines with one end moved along, shape [6] [mm]; the column of that end, and the length gained [mm]."""
+    length = float((line[2:4] - line[:2]).norm())
     for change in LENGTHS_MM:
-        if change > -length + 0.1:
-            moved = line.clone()
-            moved[2:4] += change * along / length
-            yield moved
-            moved = line.clone()
-            moved[:2] -= change * along / length
-            yield moved
+        if change > -length + SHORTEST_MM:
+            for end in (0, 2):
+                yield stretched(line, end, change), end, change
+
+
+def stretched(line: torch.Tensor, end: int, change_mm: float) -> torch.Tensor:
+    """A line [6] longer by so much at the end in column 0 or 2."""
+    other = 2 - end
+    outward = line[end : end + 2] - line[other : other + 2]
+    moved = line.clone()
+    moved[end : end + 2] += change_mm * outward / max(float(outward.norm()), 1e-9)
+    return moved
+
+
+def shapes(line: torch.Tensor) -> Iterator[torch.Tensor]:
+    """Lines of another width, height, or both at the same cross section, each of shape [6] [mm]."""
     for factor in FACTORS:
         for width, height in ((1.0, factor), (factor, 1.0), (factor, 1 / factor)):
             yield line * torch.tensor([1.0, 1.0, 1.0, 1.0, width, height], dtype=line.dtype)
 
 
 def jump(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
-    """Lines after the best jump of each suspicious one, and whether any jumped.
+    """Lines after the best jump of each, and whether any jumped.
 
     Args:
         fit: judges; a coarse image will do.
@@ -48,14 +57,30 @@ def jump(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
     parts = model.parts(lines)[0]
     total = parts.sum(dim=0)
     current, jumped = fit.loss(total), False
-    for k in suspects(fit, model, parts):
-        best, least = None, current * GAIN
-        for changed in jumps(lines[k]):
-            allowed = model.clamped(changed[None])
-            loss = fit.loss(total - parts[k] + model.heights(allowed))
+
+    def tried(k: int, line: torch.Tensor) -> float:
+        return fit.loss(total - parts[k] + model.heights(model.clamped(line[None])))
+
+    worst = suspects(fit, model, parts)
+    for rank, k in enumerate(worst):
+        best, least, where = None, current * GAIN, None
+        for changed, end, change in stretches(lines[k]):
+            loss = tried(k, changed)
             if loss < least:
-                best, least = allowed[0], loss
+                best, least, where = changed, loss, (end, change)
+        if where is not None:
+            # Between the steps that were tried.
+            for part in (0.7, 1.4):
+                changed = stretched(lines[k], where[0], part * where[1])
+                loss = tried(k, changed)
+                if loss < least:
+                    best, least = changed, loss
+        for changed in shapes(lines[k]) if rank < RESHAPED else ():
+            loss = tried(k, changed)
+            if loss < least:
+                best, least = changed, loss
         if best is not None:
+            best = model.clamped(best[None])[0]
             new = model.heights(best[None])
             total, jumped, current = total - parts[k] + new, True, least
             parts[k], lines[k] = new, best
@@ -63,7 +88,7 @@ def jump(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
 
 
 def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
-    """Indices of the lines with the worst misfit under and around them, worst first.
+    """Indices of all lines, that with the worst misfit under and around it first.
 
     Args:
         fit: gives the measured image.
@@ -78,4 +103,4 @@ def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
     for k, part in enumerate(parts.cpu().numpy()):
         near = ndimage.binary_dilation(part > 0, iterations=3)
         scores.append((float(cells[near].mean()) if near.any() else 0.0, k))
-    return [k for _, k in sorted(scores, reverse=True)[:SUSPECTS]]
+    return [k for _, k in sorted(scores, reverse=True)]

@@ -7,7 +7,7 @@ import torch
 import nets.reconstruct.direct as direct_module
 from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.image_moves import jump, jumps, suspects
+from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import CausticImage
@@ -78,10 +78,16 @@ def test_a_short_line_jumps_to_its_length(model, image):
 
 
 def test_jumps_change_one_thing_at_a_time():
-    changed = torch.stack(list(jumps(LINES[0]))) - LINES[0]
-    assert len(changed) == 2 * 7 + 3 * 4 and changed.abs().sum(1).min() > 0
-    ends = (changed[:, :4].abs() > 0).any(1)
-    assert not (ends & (changed[:, 4:].abs() > 0).any(1)).any()
+    line = LINES[0]
+    length = float((line[2:4] - line[:2]).norm())
+    for changed, end, change in stretches(line):
+        kept = [2, 3] if end == 0 else [0, 1]
+        assert torch.equal(changed[kept], line[kept]) and torch.equal(changed[4:], line[4:])
+        assert float((changed[2:4] - changed[:2]).norm()) == pytest.approx(length + change)
+    reshaped = torch.stack(list(shapes(line)))
+    assert torch.equal(reshaped[:, :4], line[:4].expand(6, 4)) and (reshaped[:, 4:] != line[4:]).any(1).all()
+    dot = torch.tensor([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
+    assert all(change > 0 and changed.isfinite().all() for changed, _, change in stretches(dot))
 
 
 @pytest.fixture

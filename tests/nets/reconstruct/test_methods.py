@@ -172,7 +172,7 @@ def test_dead_pixels_take_their_neighbours(scene):
 
 
 def test_registry_has_all_methods():
-    assert {"auto", "direct", "nsfc", "nsfc-unrolled", *METHODS} == set(ALL_METHODS)
+    assert {"auto", "direct", "fibres", "nsfc", "nsfc-unrolled", *METHODS} == set(ALL_METHODS)
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_registry_has_all_methods():
         ("nsfc-unrolled", {}, InputError, "nsfc train unrolled --fresh"),
         ("direct", {"weights": "none.safetensors"}, InputError, "none.safetensors"),
         ("direct", {"refine_step": 1}, InputError, "direct.refine_step: unknown key"),
-        ("magic", {}, InputError, "auto, direct, nsfc"),
+        ("magic", {}, InputError, "auto, direct, fibres, nsfc"),
     ],
 )
 def test_refusals(shipped, scene, name, options, error, reason):
