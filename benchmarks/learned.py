@@ -155,6 +155,7 @@ def main() -> None:
     parser.add_argument("--fields", type=int, default=10)
     parser.add_argument("--own", type=int, metavar="SEED", help="own fields of this seed in place of the test fields")
     parser.add_argument("--json", type=Path, help="file of cells, read and continued")
+    parser.add_argument("--levels", help="noise or exposure factors in place of the usual ones, e.g. 0.01,0.03")
     parser.add_argument("--variants", default=",".join(VARIANTS))
     parser.add_argument("--nsfc", nargs=2, metavar=("UPDATER", "DENOISER"))
     parser.add_argument("--no-denoiser", metavar="UPDATER")
@@ -165,10 +166,11 @@ def main() -> None:
     fields = Fields(arguments.fields, arguments.own, arguments.device)
     cells = Cells(arguments.json)
     variants = arguments.variants.split(",")
+    levels = None if arguments.levels is None else tuple(float(level) for level in arguments.levels.split(","))
     if arguments.what == "noise":
-        rows(fields, cells, {f"noise {noise:.1%}": (noise, 1.0) for noise in NOISE}, variants)
+        rows(fields, cells, {f"noise {noise:.1%}": (noise, 1.0) for noise in levels or NOISE}, variants)
     elif arguments.what == "exposure":
-        rows(fields, cells, {f"exposure {factor - 1:+.0%}": (0.01, factor) for factor in EXPOSURE}, variants)
+        rows(fields, cells, {f"exposure {factor - 1:+.0%}": (0.01, factor) for factor in levels or EXPOSURE}, variants)
     elif arguments.what == "time":
         times(fields, variants)
     else:

@@ -30,8 +30,6 @@ class Calibration:
 DIRECT = Calibration(scale=1.099, within_one=0.683, within_two=0.911, fields=32, seed=777_001)
 """Of the shipped direct network with eight symmetries and the refinement of ``polish.py``; 97 % lie within three."""
 
-FIBRES = Calibration(scale=1.099, within_one=0.683, within_two=0.911, fields=32, seed=777_001)
-
 
 def uncertainty(answers: torch.Tensor, calibration: Calibration) -> torch.Tensor | None:
     """Standard uncertainty of the mean answer [m], shape [n, n]; None for a single answer.

@@ -28,9 +28,6 @@ STEP_MM = 1e-3
 BORDER = 1
 """Ring of pixels that does not count: what happens at the edge of a plate is not in the model."""
 TOLERANCE = 1e-5
-PHOTONS_PER_PIXEL = 16
-"""With the four of a usual lattice, wrong lines explained a field's image at 256 pixels better (0.0035) than the true
-ones (0.0050), having fitted the lattice; with sixteen, worse (0.0019 and 0.0011)."""
 
 
 class TimeUp(Exception):
@@ -59,6 +56,7 @@ class ImageFit:
         model: renders lines.
         pixels: size of the image to compare at; divides that of the scene.
         width: residual, relative to the radiosity, from which on the misfit grows linearly.
+        photons_per_pixel: of the simulation.
         report: called after each evaluation with its loss; may raise.
     """
 
@@ -69,12 +67,13 @@ class ImageFit:
         model: LineModel,
         pixels: int,
         width: float = 0.05,
+        photons_per_pixel: int = 16,
         report: Callable[[float], None] | None = None,
     ):
         ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
         scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
         self.model, self.width, self.report = model, width, report
-        photons = PHOTONS_PER_PIXEL * pixels**2
+        photons = photons_per_pixel * pixels**2
         self.simulator = CausticSimulator(scene_at, "lattice", n_photons=photons, device=model.device)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER)
         self.evaluations, self.started = 0, time.perf_counter()

@@ -46,12 +46,13 @@ def shapes(line: torch.Tensor) -> Iterator[torch.Tensor]:
             yield line * torch.tensor([1.0, 1.0, 1.0, 1.0, width, height], dtype=line.dtype)
 
 
-def jump(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
+def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[torch.Tensor, bool]:
     """Lines after the best jump of each, and whether any jumped.
 
     Args:
         fit: judges; a coarse image will do.
         lines: shape [L, 6] [mm].
+        most: lines that are tried, those with the worst misfit under them first; all if None.
     """
     model, lines = fit.model, lines.clone()
     parts = model.parts(lines)[0]
@@ -61,7 +62,7 @@ def jump(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
     def tried(k: int, line: torch.Tensor) -> float:
         return fit.loss(total - parts[k] + model.heights(model.clamped(line[None])))
 
-    worst = suspects(fit, model, parts)
+    worst = suspects(fit, model, parts)[:most]
     for rank, k in enumerate(worst):
         best, least, where = None, current * GAIN, None
         for changed, end, change in stretches(lines[k]):
