@@ -35,7 +35,9 @@ TRANSPORT = "transport"
 @click.option(
     "-o", "--output", type=click.Path(), required=True, help="Folder for the result; made complete or not at all."
 )
-@click.option("--method", help="auto, direct, fibres, nsfc, nsfc-unrolled, refine, transport, hcccd or sfc. [default: auto]")
+@click.option(
+    "--method", help="auto, direct, fibres, nsfc, nsfc-unrolled, refine, transport, hcccd or sfc. [default: auto]"
+)
 @capture_options
 @click.option(
     "--initial",

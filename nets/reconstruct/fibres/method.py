@@ -139,6 +139,8 @@ class _Run:
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_explained:
             heights = self._refined(heights, counters)
+            if fibres is not None:
+                heights, fibres = self._better(heights, fibres, counters)
             timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
         result = finished(
             method.name,
@@ -209,6 +211,19 @@ class _Run:
         radiosity = torch.tensor(scene.radiosity_W_m2, device=simulated.device)[:, None, None]
         left = measurement.discrepancy(simulated / radiosity.clamp_min(1e-30))
         return left is not None and left < EXPLAINED
+
+    def _better(
+        self, of_lines: FloatArray, fibres: FloatArray, counters: dict[str, Any]
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Refined lines, or the network's refined relief where that explains the image better."""
+        simulator = self.method.network.simulator
+        of_network = self._refined(self.answer.heights_m, counters)
+        residuals = [residual_of(simulator, self.image, heights)[1] for heights in (of_lines, of_network)]
+        counters |= {"residual_of_refined_fibres": residuals[0], "residual_of_refined_network": residuals[1]}
+        if residuals[0] <= residuals[1]:
+            return of_lines, fibres
+        counters["explained_by"] = "network"
+        return of_network, None
 
     def _refined(self, heights: FloatArray, counters: dict[str, Any]) -> FloatArray:
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
