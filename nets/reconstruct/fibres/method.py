@@ -140,7 +140,8 @@ class _Run:
         if method.options.refine and self.reason == "converged" and not is_explained:
             heights = self._refined(heights, counters)
             if fibres is not None:
-                heights, fibres = self._better(heights, fibres, counters)
+                heights, kept = self._better(heights, counters)
+                fibres = fibres if kept else None
             timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
         result = finished(
             method.name,
@@ -212,18 +213,16 @@ class _Run:
         left = measurement.discrepancy(simulated / radiosity.clamp_min(1e-30))
         return left is not None and left < EXPLAINED
 
-    def _better(
-        self, of_lines: FloatArray, fibres: FloatArray, counters: dict[str, Any]
-    ) -> tuple[FloatArray, FloatArray | None]:
-        """Refined lines, or the network's refined relief where that explains the image better."""
+    def _better(self, of_lines: FloatArray, counters: dict[str, Any]) -> tuple[FloatArray, bool]:
+        """Refined lines, or the network's refined relief where that explains the image better; whether the lines."""
         simulator = self.method.network.simulator
         of_network = self._refined(self.answer.heights_m, counters)
-        residuals = [residual_of(simulator, self.image, heights)[1] for heights in (of_lines, of_network)]
-        counters |= {"residual_of_refined_fibres": residuals[0], "residual_of_refined_network": residuals[1]}
-        if residuals[0] <= residuals[1]:
-            return of_lines, fibres
+        first, second = (residual_of(simulator, self.image, heights)[1] for heights in (of_lines, of_network))
+        counters |= {"residual_of_refined_fibres": first, "residual_of_refined_network": second}
+        if first <= second:
+            return of_lines, True
         counters["explained_by"] = "network"
-        return of_network, None
+        return of_network, False
 
     def _refined(self, heights: FloatArray, counters: dict[str, Any]) -> FloatArray:
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
