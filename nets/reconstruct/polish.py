@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from nets.reconstruct.record import residual_of
 from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, Reconstruction
 from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
 DEFAULT_ITERATIONS = 60
@@ -42,6 +43,12 @@ class PolishOptions(BaseModel):
     """First step [m]."""
     max_time_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Stop after this time [s] with the best relief so far."""
+
+    def pixels_on(self, device_type: str, scene: Scene) -> int:
+        """``refine_pixels``, or what ``refine`` takes as its finest on a device."""
+        finest = RefineOptions().resolved("height", False, scene, device_type).finest_pixels
+        assert finest is not None
+        return self.refine_pixels or finest
 
 
 @dataclass(frozen=True)
@@ -84,9 +91,7 @@ def polished(
     if left is not None and left <= 0:
         return None
     scene, started = simulator.scene, time.perf_counter()
-    pixels = options.refine_pixels
-    if pixels is None:
-        pixels = RefineOptions().resolved("height", False, scene, simulator.device.type).finest_pixels
+    pixels = options.pixels_on(simulator.device.type, scene)
     _, before = residual_of(simulator, image, heights)
     if left is not None:
         left = max(1e-3, left - (time.perf_counter() - started))

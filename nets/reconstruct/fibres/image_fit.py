@@ -4,7 +4,6 @@ Two hundred numbers instead of sixteen thousand heights: noise has nowhere to
 go, and what one photon path says of a line holds for all of the line.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -76,18 +75,15 @@ class ImageFit:
         photons = photons_per_pixel * pixels**2
         self.simulator = CausticSimulator(scene_at, "lattice", n_photons=photons, device=model.device)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER)
-        self.evaluations, self.started = 0, time.perf_counter()
 
     def loss(self, heights_mm: torch.Tensor) -> float:
         """Misfit of a relief [mm], shape [n, n]."""
-        self.evaluations += 1
         with torch.no_grad():
             image = self.simulator((1e-3 * heights_mm).contiguous())
             return float(self.measurement.data_term(image, "charbonnier", self.width))
 
     def with_gradient(self, heights_mm: torch.Tensor) -> tuple[float, torch.Tensor]:
         """Misfit of a relief [mm], and its gradient [1/mm], shape [n, n]."""
-        self.evaluations += 1
         leaf = (1e-3 * heights_mm).contiguous().requires_grad_()
         loss = self.measurement.data_term(self.simulator(leaf), "charbonnier", self.width)
         (gradient,) = torch.autograd.grad(loss, leaf)

@@ -8,6 +8,7 @@ image is explained no better, the answer is that of ``direct``.
 
 import dataclasses
 import time
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import torch
@@ -19,7 +20,7 @@ from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.image_fit import BORDER, ImageFit, TimeUp
 from nets.reconstruct.fibres.image_moves import jump
-from nets.reconstruct.polish import polished
+from nets.reconstruct.polish import outcome, polished
 from nets.reconstruct.record import as_glass, finished, residual_of
 from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.reconstruct.base import (
@@ -32,7 +33,6 @@ from warp_caustics.reconstruct.base import (
     StopReason,
 )
 from warp_caustics.reconstruct.pyramid import measurement_at
-from warp_caustics.reconstruct.refine import RefineOptions
 from warp_caustics.scene import Scene
 
 ITERATIONS = 40
@@ -138,10 +138,17 @@ class _Run:
                 heights, fibres, is_explained = found, 1e-3 * self.lines.numpy(), self._explains(simulated)
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_explained:
-            heights = self._refined(heights, counters)
+            candidates = [self._refined(answer.heights_m)]
             if fibres is not None:
-                heights, kept = self._better(heights, counters)
-                fibres = fibres if kept else None
+                candidates.append(self._refined(heights))
+            best = min(candidates, key=lambda candidate: candidate.residual)
+            heights, counters["refinement"] = best.heights, best.outcome
+            if fibres is not None:
+                counters["residual_of_refined_network"], counters["residual_of_refined_fibres"] = (
+                    candidate.residual for candidate in candidates
+                )
+            if best is candidates[0]:
+                fibres, counters["explained_by"] = None, "network"
             timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
         result = finished(
             method.name,
@@ -165,13 +172,10 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT.scale
-        pixels = method.options.refine_pixels
-        if pixels is None:
-            pixels = RefineOptions().resolved("height", False, scene, method.device.type).finest_pixels
-        assert pixels is not None
+        pixels = method.options.pixels_on(method.device.type, scene)
         start = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
-        # With the four of a usual lattice, wrong lines explained a field's image at 256 pixels better (0.0035) than the
-        # true ones (0.0050): they had fitted the lattice. With sixteen, worse (0.0018 and 0.0011).
+        # With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than
+        # the true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020).
         fine = ImageFit(scene, self.image, method.model, pixels, photons_per_pixel=8, report=self._note)
         coarse = fine
         if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
@@ -213,21 +217,20 @@ class _Run:
         left = measurement.discrepancy(simulated / radiosity.clamp_min(1e-30))
         return left is not None and left < EXPLAINED
 
-    def _better(self, of_lines: FloatArray, counters: dict[str, Any]) -> tuple[FloatArray, bool]:
-        """Refined lines, or the network's refined relief where that explains the image better; whether the lines."""
-        simulator = self.method.network.simulator
-        of_network = self._refined(self.answer.heights_m, counters)
-        first, second = (residual_of(simulator, self.image, heights)[1] for heights in (of_lines, of_network))
-        counters |= {"residual_of_refined_fibres": first, "residual_of_refined_network": second}
-        if first <= second:
-            return of_lines, True
-        counters["explained_by"] = "network"
-        return of_network, False
-
-    def _refined(self, heights: FloatArray, counters: dict[str, Any]) -> FloatArray:
+    def _refined(self, heights: FloatArray) -> "_Refined":
+        """A relief after the steps that ``direct`` ends with."""
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
         elapsed = time.perf_counter() - self.started
         simulator = self.method.network.simulator
         found = polished(simulator, self.image, heights, self.method.polish, elapsed, self.progress, spread)
-        counters["refinement"] = "no time left" if found is None else "kept" if found.is_better else "discarded"
-        return heights if found is None else found.heights
+        better = heights if found is None else found.heights
+        return _Refined(better, residual_of(simulator, self.image, better)[1], outcome(found))
+
+
+@dataclass(frozen=True)
+class _Refined:
+    """A refined relief [m], shape [n, n], its residual over all pixels, and what became of the refinement."""
+
+    heights: FloatArray
+    residual: float
+    outcome: str

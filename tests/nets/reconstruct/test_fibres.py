@@ -115,6 +115,7 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering):
     assert result.counters["explained_by"] == "fibres" and error < 1.0
     assert result.fibres_m.shape == (3, 6) and result.method == "fibres"
     assert result.residual < result.counters["residual_of_network"]
+    assert "refinement" not in result.counters, "nothing but noise is left"
     heights = [entry["elapsed_s"] for entry in result.history]
     assert heights == sorted(heights)
 
@@ -127,6 +128,25 @@ def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answer
     result = answering(bump, refine=False, most_lines=4).reconstruct(CausticImage(seen))
     assert result.counters["explained_by"] == "network" and result.fibres_m is None
     np.testing.assert_allclose(result.heights_m, bump, atol=1e-9)
+
+
+@pytest.mark.parametrize("lumps", [0.0, 3e-4])
+def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, image, answering, lumps):
+    """Lines alone explain the first plate; the second has a lump that only the network's answer shows."""
+    centre = (np.arange(N) + 0.5) / N - 0.5
+    lump = lumps * np.exp(-((centre[:, None] - 0.3) ** 2 + (centre[None] + 0.3) ** 2) / 0.01)
+    truth = 1e-3 * model.heights(LINES).double().numpy() + lump
+    seen = CausticSimulator(SCENE)(torch.tensor(truth, dtype=torch.float32)).numpy()
+    wrong = truth + 2e-6 * np.random.default_rng(1).standard_normal(truth.shape)
+    method = answering(wrong, most_lines=3, refine_iterations=3, max_iterations=8, jumps=0)
+    result = method.reconstruct(CausticImage(seen))
+    counters = result.counters
+    both = {name: counters.get(f"residual_of_refined_{name}") for name in ("network", "fibres")}
+    if both["fibres"] is not None:
+        assert result.residual == pytest.approx(min(both.values()), rel=1e-5)
+        assert counters["explained_by"] == min(both, key=both.get)
+    assert counters["explained_by"] == ("network" if lumps else "fibres")
+    assert (result.fibres_m is None) == bool(lumps) and "refinement" in counters
 
 
 def test_nothing_printed(answering):
