@@ -25,7 +25,7 @@ from data_gen.fibres import Line, line_relief
 from data_gen.line_fit import FittedLine, shifted
 from data_gen.line_tolerance import line_limit
 from data_gen.patterns import draw_strokes
-from nets.reconstruct.design import FromDesign
+from nets.reconstruct.from_design import FromDesign
 from warp_caustics.inspection.compare import inspect_plate
 from warp_caustics.inspection.findings import Inspection
 from warp_caustics.io.image_file import ImageFile

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cli.config import Config
     from cli.inspection.design import Design
     from cli.reconstruct import Inputs
-    from nets.reconstruct.design import DesignResult, FromDesign
+    from nets.reconstruct.from_design import DesignResult, FromDesign
     from warp_caustics.inspection.findings import Inspection
 
 EXIT_CODES = {"pass": 0, "fail": EXIT_FAILED, "uncertain": EXIT_FAILED}
@@ -99,7 +99,7 @@ class InspectionJob:
             InputError: options that it does not know.
         """
         if self._method is None:
-            from nets.reconstruct.design import DesignOptions, FromDesign
+            from nets.reconstruct.from_design import DesignOptions, FromDesign
 
             options = DesignOptions(**self.config.reconstruction.options)
             self._method = FromDesign(self.config.scene, options, start_device(self.device))

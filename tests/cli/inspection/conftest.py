@@ -7,7 +7,7 @@ import pytest
 
 import cli.inspection.job
 from data_gen.line_fit import FittedLine
-from nets.reconstruct.design import DesignResult
+from nets.reconstruct.from_design import DesignResult
 from warp_caustics.reconstruct.base import Reconstruction
 
 CONFIG = ("--config", "small", "--device", "cpu", "--tolerance", "50um")

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from data_gen.fibres import Line, line_relief
-from nets.reconstruct.design import DesignOptions, FromDesign
-from nets.reconstruct.design_uncertainty import LINES, RELIEF, design_uncertainty
+from nets.reconstruct.from_design import DesignOptions, FromDesign
+from nets.reconstruct.from_design_uncertainty import LINES, RELIEF, design_uncertainty
 from nets.reconstruct.selection import MisfitMap, better_parts, parts
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.scene import Scene

@@ -28,7 +28,7 @@ from data_gen.config import Profile
 from data_gen.fibres import Line, line_relief
 from data_gen.line_fit import FittedLine, fit_lines
 from nets.reconstruct import methods
-from nets.reconstruct.design_uncertainty import LINES, RELIEF, design_uncertainty, disagreement
+from nets.reconstruct.from_design_uncertainty import LINES, RELIEF, design_uncertainty, disagreement
 from nets.reconstruct.record import as_glass, finished
 from nets.reconstruct.selection import MisfitMap, better_parts
 from warp_caustics.errors import InputError, MismatchError
