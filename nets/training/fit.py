@@ -183,7 +183,8 @@ class _Loop:
         state, limits, first_step = self.state, self.limits, self.state.step
         if state.share is None and limits.deadline is not None and limits.max_steps is None:
             left_s = limits.deadline - time.monotonic() - FINAL_SECONDS
-            state.horizon_s = state.elapsed_s + max(1.0, left_s)
+            # One clock for all processes: rates and the last step follow from it.
+            state.horizon_s = self.fabric.broadcast(state.elapsed_s + max(1.0, left_s))
         self.before_s, self.start = state.elapsed_s, time.monotonic()
         self.saved_at = self.start
         self.watch.read()

@@ -1,6 +1,7 @@
 """``nsfc train``."""
 
 import json
+import contextlib
 import os
 import signal
 import subprocess
@@ -169,6 +170,24 @@ def test_two_processes_do_the_work_of_one(tmp_path):
         errors.append([float(row["val_rmse_um"]) for row in read_metrics(run) if row["val_rmse_um"]])
     assert errors[1] == pytest.approx(errors[0], rel=1e-4)
     assert errors[2] != pytest.approx(errors[0], rel=1e-3), "control: half the samples learn something else"
+
+
+def test_two_processes_end_together_when_their_time_is_up(tmp_path):
+    """Both go by one clock; with a clock each, one waits for ever for a step that the other does not take."""
+    from nets.training.record import read_metrics
+
+    run = tmp_path / "run"
+    command = [Path(sys.executable).with_name("nsfc"), "train", "direct", "--fresh", "-o", run, *TINY]
+    process = subprocess.Popen(
+        [*command, "--devices", "2", "--max-time", "20s"], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        _, text = process.communicate(timeout=150)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 0, text
+    assert read_metrics(run)[-1]["val_rmse_um"]
 
 
 def test_kill_9_and_ctrl_c(tmp_path, capsys):
