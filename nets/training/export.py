@@ -15,9 +15,14 @@ from warp_caustics.scene import Scene
 
 
 def export_weights(path: Path, network: nn.Module, config: RunConfig, training: dict[str, Any]) -> str:
-    """Write the averaged network; returns the path."""
-    from nets.weights import save_weights
+    """Write the averaged network; returns the path.
 
+    What it started from is recorded by its content hash. Names of files in the record lose their folders.
+    """
+    from nets.weights import save_weights, weights_info
+
+    if config.initial_weights is not None:
+        training = {**training, "initial_weights": weights_info(config.initial_weights).content_hash}
     if config.data is None:
         denoiser = frozen_denoiser(config, torch.device("cpu"))[1]
         fingerprint = fresh_dataset(config, is_validation=False, denoiser=denoiser).sample_fingerprint()
@@ -25,9 +30,18 @@ def export_weights(path: Path, network: nn.Module, config: RunConfig, training: 
         from nets.training.files import data_fingerprint
 
         fingerprint = data_fingerprint(config.data)
+    training = {**training, "config": config.training.model_dump(mode="json")}
+    without_folders(training["config"])
     precision = config.training.exported
     save_weights(path, network, scene=config.scene, data_fingerprint=fingerprint, training=training, dtype=precision)
     return str(path)
+
+
+def without_folders(settings: dict[str, Any]) -> None:
+    """Cut the names of weights files in a training's settings to their last part, in place."""
+    for tree, key in ((settings, "denoiser_weights"), (settings["unrolling"], "direct_weights")):
+        if tree[key] is not None:
+            tree[key] = Path(tree[key]).name
 
 
 def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_flat: bool) -> None:

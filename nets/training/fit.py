@@ -367,7 +367,6 @@ class _Loop:
             "elapsed_s": round(state.elapsed_s, 1),
             "objective": self.task.objective,
             "best": finite_or_none(state.stopping.best),
-            "config": self.config.training.model_dump(mode="json"),
         }
         return export_weights(self.folder / "weights.safetensors", state.average.network, self.config, training)
 
