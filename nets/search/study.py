@@ -7,6 +7,7 @@ journal file is not offered: one torn last line makes it unreadable.
 """
 
 import datetime
+import importlib.util
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ from warp_caustics.io.atomic import reason
 
 HEARTBEAT_S, GRACE_S, RETRIES = 60, 180, 2
 DATABASES = ("sqlite", "postgresql", "mysql")
+DRIVERS = {"postgresql": ("psycopg", "psycopg2"), "mysql": ("pymysql", "MySQLdb")}
+"""Packages that talk to a database, the better first; SQLAlchemy's own choice changes with its version."""
 LOCK_WAIT_S = 60
 """How long a process waits for SQLite's lock."""
 FILE = "study.db"
@@ -90,7 +93,18 @@ def address(storage: str | None, folder: Path, name: str) -> Address:
         raise InputError(
             f"storage of kind {backend[:40]!r} is not supported; write postgresql://..., mysql://... or sqlite:///file"
         )
-    return Address(storage, name)
+    return Address(_with_driver(storage), name)
+
+
+def _with_driver(storage: str) -> str:
+    """The URL with the driver that is installed, where it names none."""
+    url = sqlalchemy.make_url(storage)
+    backend = url.drivername
+    for package in DRIVERS.get(backend, ()):
+        if importlib.util.find_spec(package) is not None:
+            driver = {"MySQLdb": "mysqldb"}.get(package, package)
+            return url.set(drivername=f"{backend}+{driver}").render_as_string(hide_password=False)
+    return storage
 
 
 def open_study(where: Address, search: SearchConfig, seed: int = 0) -> optuna.Study:
@@ -244,8 +258,8 @@ def _opened(where: Address, search: SearchConfig, sampler: optuna.samplers.BaseS
         )
     except ImportError as error:
         raise InputError(
-            f"no Python package for {where.shown.partition(':')[0]!r} is installed; "
-            "pip install psycopg2-binary (PostgreSQL) or PyMySQL (mysql+pymysql://...)"
+            f"no Python package for {sqlalchemy.make_url(where.url).get_backend_name()!r} is installed; "
+            "pip install 'psycopg[binary]' (PostgreSQL) or PyMySQL (MySQL)"
         ) from error
     except sqlalchemy.exc.OperationalError as error:
         why = reason(error.orig or error)

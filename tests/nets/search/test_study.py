@@ -66,6 +66,23 @@ def test_other_databases_are_refused(tmp_path, url):
     assert "secret" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("url", "installed", "driver"),
+    [
+        ("postgresql://me:secret@host/x", {"psycopg", "psycopg2"}, "postgresql+psycopg"),
+        ("postgresql://me:secret@host/x", {"psycopg2"}, "postgresql+psycopg2"),
+        ("postgresql+asyncpg://me:secret@host/x", {"psycopg"}, "postgresql+asyncpg"),
+        ("postgresql://me:secret@host/x", set(), "postgresql"),
+        ("mysql://me:secret@host/x", {"MySQLdb"}, "mysql+mysqldb"),
+    ],
+)
+def test_the_driver_that_is_installed_is_taken(tmp_path, monkeypatch, url, installed, driver):
+    """SQLAlchemy 2.1 takes psycopg where 2.0 took psycopg2; either will do."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name if name in installed else None)
+    where = address(url, tmp_path, "s")
+    assert where.url == url.replace(url.partition(":")[0], driver)
+
+
 def test_passwords_are_not_shown(tmp_path):
     assert "secret" not in address("postgresql://me:secret@host/x", tmp_path, "s").shown
 
