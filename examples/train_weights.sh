@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Trains every network of this project: the one that ships, and the paper's with its two ablations.
 #
-#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 35 minutes on one H200
+#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 50 minutes on one H200
 #   ONLY="denoiser updater" examples/train_weights.sh OUT    some
 #
 # A run that is there already is continued, a finished one is left alone. Further arguments go to every `nsfc train`.
@@ -10,7 +10,7 @@ out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
 shift
 extra=("$@")
 nsfc=${NSFC:-nsfc}
-only=${ONLY:-denoiser updater no-denoiser no-gradient direct}
+only=${ONLY:-denoiser updater no-denoiser no-gradient direct-first direct}
 mkdir -p "$out"
 
 # train NAME KIND TIME OPTIONS...
@@ -39,6 +39,9 @@ train no-denoiser updater "${UPDATER_TIME:-300s}" --batch-size 16 "${paper[@]}"
 train no-gradient updater "${UPDATER_TIME:-300s}" --preset paper-updater-no-gradient --batch-size 16 "${paper[@]}" \
     --set "training.denoiser_weights=$denoiser"
 
-train direct direct "${DIRECT_TIME:-1020s}" --batch-size 64 --precision bf16 \
-    --set training.replay.size=12288 --set training.replay.fresh_per_step=32 --set training.compile=true \
-    --set training.patience=null --set training.exported=float16
+# The network that ships: from the beginning, then from there with other samples.
+ours=(--batch-size 64 --precision bf16 --set training.replay.size=12288 --set training.replay.fresh_per_step=32
+    --set training.compile=true --set training.patience=null --set training.exported=float16)
+train direct-first direct "${DIRECT_TIME:-1020s}" "${ours[@]}"
+train direct direct "${DIRECT_SECOND_TIME:-500s}" --seed 1 --set training.learning_rate=6e-4 "${ours[@]}" \
+    --initial-weights "$out/direct-first/weights.safetensors"

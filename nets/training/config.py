@@ -189,8 +189,8 @@ class TrainingConfig(Strict):
     fixed_samples: Annotated[int, Field(ge=0, le=10**6)] = 0
     """Samples made once, kept on the device and drawn from in every step, as a search does; 0 for no such pool. An
     epoch then has ``steps_per_epoch`` steps."""
-    data_workers: Annotated[int, Field(ge=0, le=64)] = 2
-    """Processes that read files; none for fresh samples."""
+    data_workers: Annotated[int, Field(ge=0, le=64)] | None = None
+    """Processes that read files for each GPU; None for half of the cores, 2 to 8. None at all for fresh samples."""
     augmentation: AugmentationConfig = AugmentationConfig()
     replay: ReplayConfig = ReplayConfig()
     validation: ValidationConfig = ValidationConfig()

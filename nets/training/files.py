@@ -1,6 +1,7 @@
 """Batches from a data set on disk."""
 
 import itertools
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -80,6 +81,7 @@ class FileSource:
                 f"data set {config.data!r} has {len(self.training_set)} samples for training and "
                 f"{len(self.validation_set)} for validation; build more than {11 * training.batch_size * world}"
             )
+        self.workers = reading_processes(training.data_workers, world)
         self.loader: DataLoader[Any] | None = None
         self.batches: Iterator[Any] = iter(())
 
@@ -90,7 +92,7 @@ class FileSource:
 
     def resume(self, step: int) -> None:
         self.close()
-        workers = self.config.training.data_workers
+        workers = self.workers
         self.sampler.first = step
         self.loader = DataLoader(
             self.training_set,
@@ -118,6 +120,12 @@ class FileSource:
     def _moved(self, sample: dict[str, torch.Tensor]) -> Batch:
         on_device = {name: sample[name].to(self.device, non_blocking=True) for name in self.names}
         return {ours: on_device[name].float() for name, ours in self.names.items()}
+
+
+def reading_processes(wanted: int | None, world: int) -> int:
+    """How many processes read files for each of ``world`` trainings on this machine; half of the cores if None."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 2
+    return wanted if wanted is not None else min(8, max(2, cores // (2 * world)))
 
 
 def _check(found: DatasetConfig, config: RunConfig) -> None:

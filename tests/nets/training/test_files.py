@@ -7,7 +7,7 @@ from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.samples import UpdaterSampler, make_sampler
 from data_gen.store import build
 from data_gen.store.reader import is_validation
-from nets.training.files import FileSource, StepSampler, data_fingerprint
+from nets.training.files import FileSource, StepSampler, data_fingerprint, reading_processes
 from nets.weights import load_weights
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene
@@ -71,6 +71,14 @@ def test_batches_hold_the_samples_of_the_data_set(dataset, tiny_run, workers):
     validation = source.validation()
     assert sum(len(batch["heights"]) for batch in validation) == min(4, sum(map(is_validation, range(COUNT))))
     source.close()
+
+
+def test_half_of_the_cores_read_files(monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: range(12), raising=False)
+    assert [reading_processes(None, world) for world in (1, 2, 8)] == [6, 3, 2]
+    assert reading_processes(0, 1) == 0 and reading_processes(20, 4) == 20
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: range(128), raising=False)
+    assert reading_processes(None, 2) == 8
 
 
 @pytest.mark.parametrize("kind", ["updater", "direct"])

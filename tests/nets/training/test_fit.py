@@ -131,6 +131,9 @@ def test_starting_from_weights(tiny_run, train, tmp_path):
     second = train(config.model_copy(update={"initial_weights": first.weights}), tmp_path / "second")
     before, after = (load_weights(result.weights).module.state_dict() for result in (first, second))
     assert all(torch.allclose(before[name], value, atol=1e-6) for name, value in after.items())
+    infos = [load_weights(result.weights).info for result in (first, second)]
+    assert "initial_weights" not in infos[0].training
+    assert infos[1].training["initial_weights"] == infos[0].content_hash
     other = tiny_run("direct", network={"encoding": {"log_floor": 0.05}})
     with pytest.raises(MismatchError, match="another architecture"):
         train(other.model_copy(update={"initial_weights": first.weights}), tmp_path / "third")
@@ -145,7 +148,10 @@ def test_unrolled_from_a_direct_network(tiny_run, train, tmp_path):
     expected = load_weights(first.weights).module(batch["image"])
     assert torch.equal(task._start(batch, batch["image"], 0), expected)
     warm = config.model_copy(update={"initial_weights": first.weights})
-    assert train(warm, tmp_path / "warm").step == 1
+    warmed = train(warm, tmp_path / "warm")
+    assert warmed.step == 1
+    record = load_weights(warmed.weights).info.training
+    assert record["config"]["unrolling"]["direct_weights"] == "weights.safetensors", "without its folder"
 
 
 def test_shares_of_the_starts(tiny_run):
