@@ -4,15 +4,18 @@ Descent from the design finds small deviations exactly and large ones (a
 missing fibre) never; a network that is told nothing finds large ones, and errs
 on folds and crossings, where several reliefs give the image. So
 
-1. both are candidates, and, for a design that is a list of lines, a third: the
-   lines as they are found in the network's answer (``data_gen.line_fit``);
-2. part by part of the plate the candidate is taken whose caustic fits the
-   image there (``selection.py``);
-3. that is refined on the exact model, in the end at all pixels; the lines are
-   found once more, and the parts chosen once more.
+1. lines are looked for in the network's answer: those of the design, if it is a
+   list of lines (``data_gen.line_fit``), else whatever lines there are
+   (``data_gen.vectorise``), and fitted to the image (``fibres/search.py``).
+   Where nothing but noise is left of the image, and no part of the network's
+   answer or of the design fits better, this is the result;
+2. else network, design and lines are candidates: part by part of the plate that
+   is taken whose caustic fits the image there (``selection.py``);
+3. that is refined on the exact model, in the end at all pixels; the design's
+   lines are found once more, and the parts chosen once more.
 
 Limit: where no candidate is near the truth, the result is not either. The
-uncertainty (``design_uncertainty.py``) does not tell of it; the residual may.
+uncertainty (``from_design_uncertainty.py``) does not tell of it; the residual may.
 """
 
 import time
@@ -27,10 +30,21 @@ from pydantic import BaseModel, ConfigDict, Field
 from data_gen.config import Profile
 from data_gen.fibres import Line, line_relief
 from data_gen.line_fit import FittedLine, fit_lines
+from data_gen.vectorise import lines_of_relief
+from data_gen.vectorise.model import Limits, LineModel
 from nets.reconstruct import methods
-from nets.reconstruct.from_design_uncertainty import LINES, RELIEF, design_uncertainty, disagreement
+from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy
+from nets.reconstruct.fibres.search import ITERATIONS, LAST, LineSearch
+from nets.reconstruct.from_design_uncertainty import (
+    EXPLAINED_LINES,
+    LINES,
+    RELIEF,
+    design_uncertainty,
+    disagreement,
+)
 from nets.reconstruct.record import as_glass, finished
 from nets.reconstruct.selection import MisfitMap, better_parts
+from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import (
     CausticImage,
@@ -45,6 +59,8 @@ from warp_caustics.reconstruct.refine import Refine, RefineOptions
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 
+SEEN_M = 2e-5
+"""Lines lower than this are missing [m]."""
 UNKNOWN_SPREAD_M = 5e-6
 """Taken for the spread of an answer that has none, where lines are looked for in it [m]."""
 
@@ -64,6 +80,11 @@ class DesignOptions(BaseModel):
     """First step [m]."""
     rounds: Annotated[int, Field(ge=1, le=10)] = 1
     """How often parts of the plate are chosen in a row."""
+    fit_lines: bool | None = None
+    """Whether to fit lines to the image first; None: where the design is a list of lines. Of another design all lines
+    are searched for, which takes minutes on a CPU."""
+    jumps: Annotated[int, Field(ge=0, le=20)] = 3
+    """Rounds of jumps of lines that no design tells of, at most; see ``fibres``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +157,29 @@ class FromDesign:
         return run.result(reason)
 
 
+def as_rows(lines: Sequence[Line]) -> torch.Tensor:
+    """Lines as ``data_gen.vectorise`` has them, shape [L, 6] [mm], float64."""
+    rows = [[*line.start_m, *line.end_m, line.width_m, line.height_m] for line in lines]
+    return 1e3 * torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)
+
+
+def limits_around(lines: Sequence[Line], plate_size_m: tuple[float, float]) -> Limits:
+    """What a printed line may be: the usual, and half as much again as any line of the design."""
+    usual = Limits()
+    reaches = [
+        2 * abs(x) / size
+        for line in lines
+        for end in (line.start_m, line.end_m)
+        for x, size in zip(end, plate_size_m, strict=True)
+    ]
+    widths, heights = [1e3 * line.width_m for line in lines], [1e3 * line.height_m for line in lines]
+    return Limits(
+        reach=max([usual.reach, *(reach + 0.08 for reach in reaches)]),
+        width_mm=(min([usual.width_mm[0], *(w / 1.5 for w in widths)]), 1.5 * max([usual.width_mm[1] / 1.5, *widths])),
+        height_mm=(usual.height_mm[0], 1.5 * max([usual.height_mm[1] / 1.5, *heights])),
+    )
+
+
 class _Run:
     """State of one reconstruction."""
 
@@ -152,10 +196,12 @@ class _Run:
         self.image, self.nominal, self.lines, self.profile = image, nominal.astype(np.float64), lines, profile
         self.progress = progress
         self.misfit = MisfitMap(method.simulator, image)
+        self.model = LineModel(method.scene, profile, method.device, limits_around(lines, method.scene.plate_size_m))
         self.best: FloatArray = self.nominal
         self.spread: FloatArray | None = None
         self.free: FloatArray | None = None
         self.fitted: tuple[FittedLine, ...] = ()
+        self.is_explained = False
         self.history: list[dict[str, Any]] = []
         self.timings: dict[str, float] = {}
         self.counters: dict[str, Any] = {"misfit": {"nominal": self.total(self.nominal)}}
@@ -169,6 +215,17 @@ class _Run:
         candidates = [self.free, self.nominal]
         if self.lines:
             candidates.append(self._timed("lines", self._lines_in, self.free))
+        fits = self.options.fit_lines
+        if bool(self.lines) if fits is None else fits:
+            printed = self._timed("lines", self._lines_at_start)
+            found = self._timed("image fit", self._fitted_to_image, printed)
+            if self.is_explained and self._timed("selection", self._is_best_everywhere, found):
+                self.best = found
+                if self.lines:
+                    self._timed("lines", self._lines_in, self.best)
+                return
+            self.is_explained = False
+            candidates.append(found)
         self._timed("selection", self._select, candidates, self.options.rounds)
         if self.options.coarse_iterations and not self.lines:
             self._timed("refinement", self._refine, self._coarse_pixels(), self.options.coarse_iterations)
@@ -178,6 +235,50 @@ class _Run:
         if self.lines:
             again = self._timed("lines", self._lines_in, self.best)
             self._timed("selection", self._select, [again], 1)
+
+    def _lines_at_start(self) -> torch.Tensor:
+        """Lines in the network's answer, shape [L, 6] [mm]: of the design, or whatever there are."""
+        if self.lines:
+            return as_rows([fit.line for fit in self.fitted if fit.line.height_m > SEEN_M])
+        assert self.free is not None
+        heights = torch.as_tensor(self.free)
+        spread = torch.zeros_like(heights) if self.spread is None else torch.as_tensor(self.spread) / DIRECT.scale
+        return lines_of_relief(self.model, heights, spread)
+
+    def _fitted_to_image(self, lines: torch.Tensor) -> FloatArray:
+        """Relief of lines that explain the image better; notes whether anything but noise is left of it."""
+        model = self.model
+        search = LineSearch(
+            self.scene,
+            self.image,
+            model,
+            self._coarse_pixels() if self.method.device.type == "cpu" else self.scene.image_pixels,
+            jumps=0 if self.lines else self.options.jumps,
+            report=self._note,
+        )
+        found = as_glass(1e-3 * model.heights(search.run(model.clamped(lines))).double().cpu().numpy(), self.scene)
+        self.counters["misfit"]["image fit"] = self.total(found)
+        left = Discrepancy(self.scene, self.image, self.method.device)(found)
+        self.counters["discrepancy"] = left
+        self.is_explained = left is not None and left < EXPLAINED
+        return found
+
+    def _is_best_everywhere(self, found: FloatArray) -> bool:
+        """Whether no part of the network's answer or of the design fits the image better.
+
+        A small drop of glass that is no line hardly shows in the RMS over the whole image, but in its surroundings.
+        """
+        assert self.free is not None
+        pitch = min(self.scene.sample_pitch_m)
+        return better_parts(self.misfit, found, [self.free, self.nominal], pitch) is found
+
+    def _note(self, loss: float) -> None:
+        number, elapsed = len(self.history) + 1, time.perf_counter() - self.started
+        entry = {"stage": "image fit", "iteration": number, "residual": None, "objective": loss, "elapsed_s": elapsed}
+        self.history.append(entry)
+        if self.progress is not None:
+            steps = ITERATIONS * (1 if self.lines else self.options.jumps + 2) + LAST
+            self.progress(Progress("image fit", number, max(steps, number), float("nan"), elapsed))
 
     def total(self, heights_m: FloatArray) -> float:
         """Mean misfit of a relief [1]."""
@@ -266,7 +367,8 @@ class _Run:
         """What was found so far."""
         sigma = None
         if self.spread is not None:
-            sigma = design_uncertainty(self.spread, LINES if self.lines else RELIEF)
+            kind = EXPLAINED_LINES if self.is_explained else LINES if self.lines else RELIEF
+            sigma = design_uncertainty(self.spread, kind)
         elif self.free is not None:
             sigma = disagreement(self.best, self.free)
         reconstruction = finished(

@@ -18,8 +18,9 @@ from data_gen.config import Profile
 from data_gen.vectorise import lines_of_relief
 from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.image_fit import BORDER, ImageFit, TimeUp
-from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.fibres.explained import Discrepancy
+from nets.reconstruct.fibres.image_fit import TimeUp
+from nets.reconstruct.fibres.search import ITERATIONS, LineSearch
 from nets.reconstruct.polish import outcome, polished
 from nets.reconstruct.record import as_glass, finished, residual_of
 from nets.reconstruct.uncertainty import DIRECT
@@ -32,17 +33,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
-from warp_caustics.reconstruct.pyramid import measurement_at
 from warp_caustics.scene import Scene
-
-ITERATIONS = 40
-"""Of L-BFGS between jumps; half as many at the end."""
-
-LATER = 6
-"""Lines that may jump in rounds after the first."""
-
-EXPLAINED = 1.5
-"""Residual in units of the noise below which lines are taken as they are; above, the relief is refined freely."""
 
 
 class FibresOptions(DirectOptions):
@@ -132,10 +123,11 @@ class _Run:
         is_explained = False
         if len(self.lines):
             found = as_glass(1e-3 * method.model.heights(self.lines).double().cpu().numpy(), method.scene)
-            simulated, residual = residual_of(method.network.simulator, self.image, found)
+            residual = residual_of(method.network.simulator, self.image, found)[1]
             counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
             if residual < answer.residual:
-                heights, fibres, is_explained = found, 1e-3 * self.lines.numpy(), self._explains(simulated)
+                heights, fibres = found, 1e-3 * self.lines.numpy()
+                is_explained = Discrepancy(method.scene, self.image, method.device).is_explained(found)
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_explained:
             candidates = [self._refined(answer.heights_m)]
@@ -174,28 +166,19 @@ class _Run:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT.scale
         pixels = method.options.pixels_on(method.device.type, scene)
         start = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
-        # With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than
-        # the true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020).
-        fine = ImageFit(scene, self.image, method.model, pixels, photons_per_pixel=8, report=self._note)
-        coarse = fine
-        if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
-            coarse = ImageFit(scene, self.image, method.model, pixels // 2, report=self._note)
-        # The two cannot be compared before: what is best at few pixels is some micrometres off at many.
-        self.lines = fine.descend(self._searched(coarse, start), self.iterations // 2).lines
-
-    def _searched(self, fit: ImageFit, lines: torch.Tensor) -> torch.Tensor:
-        """Lines after descents and jumps in turn: few pixels tell which lines there are, for a quarter of the time."""
-        best = fit.descend(lines, self.iterations)
-        self.lines = best.lines
-        for number in range(self.method.options.jumps):
-            moved, has_jumped = jump(fit, best.lines, LATER if number else None)
-            if not has_jumped:
-                break
-            found = fit.descend(moved, self.iterations)
-            if found.loss >= best.loss:
-                break
-            best, self.lines = found, found.lines
-        return best.lines
+        search = LineSearch(
+            scene,
+            self.image,
+            method.model,
+            pixels,
+            jumps=method.options.jumps,
+            iterations=self.iterations,
+            report=self._note,
+        )
+        try:
+            search.run(start)
+        finally:
+            self.lines = search.lines
 
     def _note(self, loss: float) -> None:
         elapsed = time.perf_counter() - self.started
@@ -208,14 +191,6 @@ class _Run:
         limit = self.method.options.max_time_s
         if limit is not None and elapsed > limit:
             raise TimeUp
-
-    def _explains(self, simulated: torch.Tensor) -> bool:
-        """Whether nothing but noise is left of the image; False if the noise is unknown."""
-        scene = self.method.scene
-        measurement = measurement_at(self.image, scene, scene.image_pixels, simulated.device, BORDER)
-        radiosity = torch.tensor(scene.radiosity_W_m2, device=simulated.device)[:, None, None]
-        left = measurement.discrepancy(simulated / radiosity.clamp_min(1e-30))
-        return left is not None and left < EXPLAINED
 
     def _refined(self, heights: FloatArray) -> "_Refined":
         """A relief after the steps that ``direct`` ends with."""

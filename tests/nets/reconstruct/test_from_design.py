@@ -5,8 +5,10 @@ import pytest
 import torch
 
 from data_gen.fibres import Line, line_relief
-from nets.reconstruct.from_design import DesignOptions, FromDesign
-from nets.reconstruct.from_design_uncertainty import LINES, RELIEF, design_uncertainty
+from data_gen.vectorise.model import Limits, LineModel
+from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy
+from nets.reconstruct.from_design import DesignOptions, FromDesign, as_rows, limits_around
+from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, LINES, RELIEF, design_uncertainty
 from nets.reconstruct.selection import MisfitMap, better_parts, parts
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.scene import Scene
@@ -77,22 +79,62 @@ def method():
     return FromDesign(SCENE, DesignOptions(coarse_iterations=0, iterations=3, step_m=1e-6))
 
 
-@pytest.mark.parametrize("lines", [TWO, []])
-def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(method, simulator, lines):
+@pytest.mark.parametrize(
+    ("lines", "fit_lines", "kind", "largest_m"),
+    [(TWO, None, EXPLAINED_LINES, 5e-6), (TWO, False, LINES, 3e-5), ([], None, RELIEF, 3e-5)],
+)
+def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(
+    method, simulator, lines, fit_lines, kind, largest_m
+):
     """The free answer sees that the second line is missing, and errs on the first, which the design knows."""
     answer = relief(TWO[0]).copy()
     answer[8:14, 2:7] += 1e-4
     spread = np.full((32, 32), 1e-6)
     spread[8:14, 2:7] = 5e-5
-    method.free = Free(answer, spread)
+    method.free, method.options = Free(answer, spread), method.options.model_copy(update={"fit_lines": fit_lines})
     found = method.reconstruct(image_of(relief(TWO[0]), simulator), relief(*TWO), lines)
     heights = found.reconstruction.heights_m
-    assert np.abs(heights - relief(TWO[0])).max() < 3e-5
+    assert np.abs(heights - relief(TWO[0])).max() < largest_m
     assert len(found.lines) == len(lines)
     if lines:
         assert found.lines[1].line.height_m < 1e-5 and found.lines[0].height_error_m == pytest.approx(0, abs=1e-5)
-    sigma = design_uncertainty(spread, LINES if lines else RELIEF)
-    np.testing.assert_array_equal(found.reconstruction.uncertainty_m, sigma)
+    np.testing.assert_array_equal(found.reconstruction.uncertainty_m, design_uncertainty(spread, kind))
+
+
+def test_what_is_no_line_is_not_explained_by_lines_and_is_found_all_the_same(method, simulator):
+    """A drop beside the lines: the lines leave a part of the image, so parts of the network's answer are taken.
+
+    Most of the image is as the lines say: its RMS is within the noise.
+    """
+    y, x = np.mgrid[:32, :32]
+    truth = relief(*TWO) + 3e-4 * np.exp(-((y - 16) ** 2 + (x - 16) ** 2) / (2 * 2.0**2))
+    method.free = Free(truth + 2e-6, np.full((32, 32), 1e-6))
+    method.options = method.options.model_copy(update={"fit_lines": None})
+    found = method.reconstruct(image_of(truth, simulator), relief(*TWO), TWO).reconstruction
+    assert found.counters["discrepancy"] < EXPLAINED
+    assert np.abs(found.heights_m - truth)[12:21, 12:21].max() < 2e-5
+    np.testing.assert_array_equal(found.uncertainty_m, design_uncertainty(np.full((32, 32), 1e-6), LINES))
+
+
+def test_left_of_an_image_in_units_of_its_noise(simulator):
+    truth = relief(*TWO)
+    clean = simulator(torch.tensor(truth, dtype=torch.float32)).numpy()
+    rng = np.random.default_rng(1)
+    image = CausticImage(clean + rng.normal(0, 0.01, clean.shape).astype(np.float32), np.full(3, 0.01))
+    left = Discrepancy(SCENE, image, "cpu")
+    assert left(truth) == pytest.approx(1, abs=0.02) and left.is_explained(truth)
+    assert left(relief(TWO[0])) > EXPLAINED and not left.is_explained(relief(TWO[0]))
+    unknown = Discrepancy(SCENE, CausticImage(image.irradiance), "cpu")
+    assert unknown(truth) is None and not unknown.is_explained(truth)
+
+
+def test_lines_of_a_design_are_never_out_of_the_limits():
+    large = Line((-0.03, 0.0), (0.03, 0.001), 6e-3, 4e-3)
+    thin = Line((0.0, 0.0), (0.01, 0.0), 5e-5, 1e-4)
+    model = LineModel(SCENE, limits=limits_around([large, thin], SCENE.plate_size_m))
+    rows = as_rows([large, thin])
+    assert torch.equal(model.clamped(rows), rows)
+    assert limits_around([], SCENE.plate_size_m) == Limits()
 
 
 def test_ctrl_c_returns_what_is_there(method, simulator):
