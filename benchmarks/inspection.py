@@ -5,7 +5,8 @@ missing, 0.3 mm too high, or displaced by 1 mm. Each is photographed by a model 
 dark offset, 16 bit; dark and flat frames) from a caustic of four million photons per wavelength, four times as many as
 the reconstruction simulates, which looks straight at the window.
 
-    python -m benchmarks.inspection [--good 10] [--defects 2] [--map] [--first 0] [--json FILE] [--picture FOLDER]
+    python -m benchmarks.inspection [--good 10] [--defects 2] [--map [--find-lines]] [--first 0] [--json FILE]
+                                    [--picture FOLDER]
 """
 
 import argparse
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from cli.inspection.design import Design, with_lines
 from data_gen.config import ReliefConfig
 from data_gen.fibre_findings import fibre_findings
 from data_gen.fibres import Line, line_relief
@@ -108,15 +110,16 @@ def photographed(light: np.ndarray, scene: Scene, seed: int) -> Capture:
     return capture_to_irradiance(frame(light, 0), scene=scene, dark=dark, flat=flat)
 
 
-def inspected(plate: Plate, method: FromDesign, scene: Scene, as_map: bool) -> tuple[Inspection, dict[str, Any]]:
+def inspected(
+    plate: Plate, method: FromDesign, scene: Scene, lines: Sequence[Line]
+) -> tuple[Inspection, dict[str, Any]]:
     image = CausticImage(plate.capture.irradiance, plate.capture.noise_std, plate.capture.mask)
     nominal = line_relief(plate.designed, scene.height_samples, scene.plate_size_m)
     started = time.perf_counter()
-    lines: Sequence[Line] = () if as_map else plate.designed
     found = method.reconstruct(image, nominal, lines)
     seconds = time.perf_counter() - started
     result = found.reconstruction
-    judged = judge(plate, nominal, scene, result.heights_m, result.uncertainty_m, () if as_map else found.lines)
+    judged = judge(plate, nominal, scene, result.heights_m, result.uncertainty_m, found.lines, lines)
     error = np.abs(result.heights_m - plate.truth_m)
     assert result.uncertainty_m is not None
     return judged, {
@@ -126,10 +129,15 @@ def inspected(plate: Plate, method: FromDesign, scene: Scene, as_map: bool) -> t
         "within_one": float((error <= result.uncertainty_m).mean()),
         "within_two": float((error <= 2 * result.uncertainty_m).mean()),
         # Most of a plate is bare and easy; this is where it is not.
-        "unsure_within_two": float((error <= 2 * result.uncertainty_m)[result.uncertainty_m > 5e-6].mean()),
+        "unsure_within_two": share(error <= 2 * result.uncertainty_m, result.uncertainty_m > 5e-6),
         "residual": result.residual,
         "timings_s": {name: round(value, 1) for name, value in result.timings_s.items()},
     }
+
+
+def share(holds: np.ndarray, among: np.ndarray) -> float:
+    """Of the cells ``among``, those where something holds; 1 where there are none."""
+    return float(holds[among].mean()) if among.any() else 1.0
 
 
 def judge(
@@ -139,14 +147,15 @@ def judge(
     heights: np.ndarray,
     sigma: np.ndarray | None,
     fitted: Sequence[FittedLine],
+    lines: Sequence[Line],
 ) -> Inspection:
-    if not fitted:
+    if not lines:
         return inspect_plate(heights, nominal, scene, TOLERANCE_M, sigma_m=sigma)
-    limit = line_limit(plate.designed, scene.height_samples, scene.plate_size_m, TOLERANCE_M)
+    limit = line_limit(lines, scene.height_samples, scene.plate_size_m, TOLERANCE_M)
     first = inspect_plate(heights, nominal, scene, TOLERANCE_M, sigma_m=sigma, limit_m=limit)
     assert first.limit_m is not None
     fibres = fibre_findings(
-        plate.designed,
+        lines,
         fitted,
         first.out_of_tolerance,
         first.deviation_m,
@@ -192,6 +201,7 @@ def main() -> None:
     parser.add_argument("--defects", type=int, default=2, help="of each kind")
     parser.add_argument("--first", type=int, default=0, help="number of the first plate, for other plates")
     parser.add_argument("--map", action="store_true", help="the design is a height map, not a list of lines")
+    parser.add_argument("--find-lines", action="store_true", help="in the height map")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--picture", type=Path, help="folder for a picture of each plate")
@@ -205,7 +215,11 @@ def main() -> None:
     rows = []
     for k, defect in jobs:
         plate = printed_plate(arguments.first + k, defect, scene, simulator)
-        found, figures = inspected(plate, method, scene, arguments.map)
+        lines: Sequence[Line] = plate.designed
+        if arguments.map:
+            design = Design(line_relief(plate.designed, scene.height_samples, scene.plate_size_m), (), "")
+            lines = with_lines(design, "", scene).lines if arguments.find_lines else ()
+        found, figures = inspected(plate, method, scene, lines)
         rows.append({"plate": arguments.first + k, **scored(plate, found), **figures})
         print(json.dumps(rows[-1]), flush=True)
         if arguments.json:

@@ -22,8 +22,8 @@ import numpy as np
 import torch
 
 from data_gen.dataset_config import DatasetConfig
-from data_gen.samples import make_sampler
-from data_gen.testset import field_heights, field_images, fields_config
+from data_gen.samples import Images, Reliefs
+from data_gen.testset import TEST_PHOTONS, field_heights, field_images, fields_config
 from nets.reconstruct.methods import create
 from nets.shipped import find_network
 from warp_caustics.metrics import height_errors
@@ -58,9 +58,11 @@ class Fields:
             self.heights = field_heights(self.scene, device)[:count].astype(np.float64)
             return
         tree = fields_config(self.scene).model_dump() | {"role": "data", "seed": own, "n_samples": count}
-        arrays = make_sampler(DatasetConfig.model_validate(tree), device).draw(range(count)).arrays
-        self.heights = arrays["true_heights"].astype(np.float64)
-        self._clean = arrays["image"].astype(np.float32)
+        reliefs = Reliefs(DatasetConfig.model_validate(tree), device)
+        heights = reliefs.true(range(count))
+        images = Images(self.scene, TEST_PHOTONS, reliefs.fingerprint, "clean", device)
+        self.heights = heights.double().cpu().numpy()
+        self._clean = images(heights, range(count)).cpu().numpy()
 
     def image(self, field: int, noise: float) -> CausticImage:
         """Image of a field [W/m^2] with its noise told, as a capture tells it."""

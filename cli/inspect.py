@@ -21,6 +21,11 @@ from cli.options import config_options, device_option, json_option, number
     help="Height map in metres, solid in millimetres (.stl, .ply, .obj), or list of printed lines (.csv, .yaml).",
 )
 @click.option(
+    "--find-lines",
+    is_flag=True,
+    help="DESIGN is a height map or solid of printed lines: find them first. A minute for a dozen lines.",
+)
+@click.option(
     "--tolerance",
     metavar="LENGTH",
     type=length,
@@ -49,6 +54,7 @@ from cli.options import config_options, device_option, json_option, number
 def inspect(
     images: tuple[str, ...],
     nominal: str,
+    find_lines: bool,
     tolerance: float,
     output: str,
     mask: str | None,
@@ -69,7 +75,7 @@ def inspect(
     """
     from cli.batch import image_list
     from cli.config import load_config
-    from cli.inspection.design import judged_part, read_design
+    from cli.inspection.design import judged_part, read_design, with_lines
     from cli.inspection.job import InspectionJob
     from cli.inspection.series import run_series, run_watch
     from cli.results import check_target
@@ -85,10 +91,13 @@ def inspect(
     found = images[0] if watch is not None else image_list(images)
     config = load_config(config_source, settings, {})
     capture_settings(capture)  # what is wrong with it is wrong for every image
+    design = read_design(nominal, config.scene)
+    if find_lines:
+        design = with_lines(design, nominal, config.scene)
     files = {"nominal": nominal} | ({} if mask is None else {"mask": mask})
     job = InspectionJob(
         config=config,
-        design=read_design(nominal, config.scene),
+        design=design,
         judged=judged_part(mask, margin, config.scene),
         tolerance_m=tolerance,
         margin_m=margin,

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, MismatchError
+
+SAME_M = 2e-6
+"""A map is made of lines if they differ from it by no more than this [m]."""
 
 if TYPE_CHECKING:
     from data_gen.fibres import Line
@@ -60,6 +63,38 @@ def read_design(path: str, scene: "Scene") -> Design:
         how += f", resampled from {len(heights)} to {n} samples per side ({_method(len(heights), n)})"
         heights = resampled(heights, n)
     return _checked(Design(heights, (), how), path, scene)
+
+
+def with_lines(design: Design, path: str, scene: "Scene") -> Design:
+    """A design with the printed lines that its relief is made of; one that has them already stays as it is.
+
+    Args:
+        design: on the scene's samples.
+        path: of its file, for messages.
+        scene: gives plate size and number of samples.
+
+    Raises:
+        MismatchError: lines do not make the relief to within ``SAME_M``.
+    """
+    import torch
+
+    from data_gen.fibres import Line
+    from data_gen.vectorise import lines_of_relief
+    from data_gen.vectorise.model import Limits, LineModel
+
+    if design.lines:
+        return design
+    limits = Limits(width_mm=(0.05, 10.0), height_mm=(0.005, 10.0))
+    model, relief = LineModel(scene, limits=limits), torch.tensor(design.nominal_m)
+    rows = lines_of_relief(model, relief, torch.zeros_like(relief))
+    error = float((1e-3 * model.heights(rows).double() - relief).abs().max())
+    if error > SAME_M:
+        raise MismatchError(
+            f"the {len(rows)} printed lines found in design {path!r} differ from it by up to {error * 1e6:.3g} um; "
+            "leave --find-lines out, or give the list of lines"
+        )
+    lines = tuple(Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in (1e-3 * rows).tolist())
+    return Design(design.nominal_m, lines, f"{design.how}, made of {len(lines)} printed lines")
 
 
 def _checked(design: Design, path: str, scene: "Scene") -> Design:

@@ -85,6 +85,7 @@ class InspectionJob:
         tree = {
             "config": self.config.fingerprint(),
             "files": {kind: file["sha256"] for kind, file in file_records(self.files).items()},
+            "n_lines": len(self.design.lines),
             "tolerance_m": self.tolerance_m,
             "margin_m": self.margin_m,
             "density_kg_m3": self.density_kg_m3,

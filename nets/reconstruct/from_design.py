@@ -366,6 +366,7 @@ class _Run:
     def result(self, reason: StopReason) -> DesignResult:
         """What was found so far."""
         sigma = None
+        self.counters["explained_by_lines"] = self.is_explained
         if self.spread is not None:
             kind = EXPLAINED_LINES if self.is_explained else LINES if self.lines else RELIEF
             sigma = design_uncertainty(self.spread, kind)

@@ -1,7 +1,7 @@
 """``nsfc train``."""
 
-import json
 import contextlib
+import json
 import os
 import signal
 import subprocess

@@ -12,6 +12,7 @@ from warp_caustics.inspection.tolerance import (
     SMALLEST_CELLS,
     BoolArray,
     level,
+    ridges,
     vertical_limit,
     zones,
 )
@@ -83,6 +84,12 @@ def inspect_plate(
     told = list(warnings)
     if abs(offset) > NOTABLE_LEVEL_M:
         told.append(f"the level was moved by {-offset * 1e6:.3g} um, so that the median over {where} is as designed")
+    narrow = ridges(nominal_m, tolerance_m) & judged
+    if limit_m is None and narrow.any():
+        told.append(
+            f"{narrow.sum() * cell * 1e6:.3g} mm^2 of the design are ridges narrower than two samples; fibres there "
+            "may seem out of tolerance though they lie within, give the design as a list of lines"
+        )
     if sigma_m is None:
         told.append("the method gives no uncertainty; every deviation beyond tolerance counts as certain")
     verdict, reasons = _verdict(parts, fibres, found.undecided, cell, deviation[judged], tolerance_m)

@@ -125,3 +125,21 @@ def without_specks(marked: BoolArray, smallest_cells: int) -> BoolArray:
     sizes = np.bincount(labels.ravel())
     kept: BoolArray = marked & (sizes[labels] >= smallest_cells)
     return kept
+
+
+def ridges(nominal_m: FloatArray, tolerance_m: float) -> BoolArray:
+    """Where a relief has ridges of hardly more than a sample, higher than a tolerance; shape [n, n].
+
+    There a sample is above the mean of its neighbours, along x or y, by more than the tolerance and by half of its
+    height over the lowest of the 5 x 5 samples around. A fibre narrower than two samples shows no slope there, so
+    its zone is too narrow: moved aside by less than the tolerance, it may leave it.
+
+    Args:
+        nominal_m: the design's relief [m], shape [n, n].
+        tolerance_m: [m].
+    """
+    high = np.maximum(tolerance_m, 0.5 * (nominal_m - scipy.ndimage.minimum_filter(nominal_m, 5)))
+    narrow = np.zeros(nominal_m.shape, bool)
+    narrow[1:-1] |= (nominal_m[1:-1] - (nominal_m[:-2] + nominal_m[2:]) / 2) > high[1:-1]
+    narrow[:, 1:-1] |= (nominal_m[:, 1:-1] - (nominal_m[:, :-2] + nominal_m[:, 2:]) / 2) > high[:, 1:-1]
+    return narrow

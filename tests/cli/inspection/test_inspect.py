@@ -124,6 +124,19 @@ def test_lengths_have_units(text, value):
     assert length(text) == pytest.approx(value)
 
 
+def test_the_lines_of_a_height_map(fake, inputs, relief, tmp_path, capsys):
+    """Found in the map, they are judged as those of a list; what is not made of lines is refused."""
+    np.save(tmp_path / "design.npy", relief)
+    out = tmp_path / "out"
+    arguments = (inputs / "image.tif", "--nominal", tmp_path / "design.npy", "--find-lines")
+    assert inspect(*arguments, "-o", out) == 0
+    record = json.loads((out / "inspection.json").read_text())
+    assert record["design"].endswith("made of 1 printed lines") and (out / "fibres.csv").exists()
+    np.save(tmp_path / "design.npy", relief + 1e-4 * np.random.default_rng(1).random(relief.shape))
+    assert inspect(*arguments, "-o", tmp_path / "other") == 5
+    assert "leave --find-lines out, or give the list of lines" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_real_reconstruction_finds_a_bump(inputs, relief, tmp_path):
     """End to end without a network, from an image: the design lacks half of the line's height."""

@@ -137,7 +137,7 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
     lump = lumps * np.exp(-((centre[:, None] - 0.3) ** 2 + (centre[None] + 0.3) ** 2) / 0.01)
     truth = 1e-3 * model.heights(LINES).double().numpy() + lump
     seen = CausticSimulator(SCENE)(torch.tensor(truth, dtype=torch.float32)).numpy()
-    wrong = truth + 2e-6 * np.random.default_rng(1).standard_normal(truth.shape)
+    wrong = truth + (2e-7 if lumps else 2e-6) * np.random.default_rng(1).standard_normal(truth.shape)
     method = answering(wrong, most_lines=3, refine_iterations=3, max_iterations=8, jumps=0)
     result = method.reconstruct(CausticImage(seen))
     counters = result.counters

@@ -83,6 +83,19 @@ def test_glass_of_unknown_density_has_no_mass():
     assert np.isnan(found.mass_kg) and any("--density" in warning for warning in found.warnings)
 
 
+def test_fibres_narrower_than_two_samples_are_told_unless_the_lines_are_known():
+    """Moved aside by less than the tolerance, such a fibre leaves the zone that its samples give it."""
+    thin = [Line((-0.015, 0.0002), (0.015, 0.0002), 3e-4, 1e-3)]
+    nominal = line_relief(thin, 64, SCENE.plate_size_m)
+    moved = line_relief([Line((-0.015, 0.00023), (0.015, 0.00023), 3e-4, 1e-3)], 64, SCENE.plate_size_m)
+    found = inspect_plate(moved, nominal, SCENE, 2e-5, sigma_m=0.01 * SIGMA)
+    assert any("narrower than two samples" in warning for warning in found.warnings)
+    known = inspect_plate(moved, nominal, SCENE, 2e-5, sigma_m=0.01 * SIGMA, limit_m=np.full((64, 64), 1e-3))
+    assert not any("narrower than two samples" in warning for warning in known.warnings) and known.verdict == "pass"
+    wide = inspect_plate(NOMINAL, NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
+    assert not any("narrower than two samples" in warning for warning in wide.warnings)
+
+
 def test_wrong_input_is_named():
     with pytest.raises(InputError, match="tolerance 0 m"):
         inspect_plate(NOMINAL, NOMINAL, SCENE, 0.0)
