@@ -39,6 +39,7 @@ from nets.reconstruct.from_design_uncertainty import (
     EXPLAINED_LINES,
     LINES,
     RELIEF,
+    SPREADS,
     design_uncertainty,
     disagreement,
 )
@@ -242,7 +243,7 @@ class _Run:
             return as_rows([fit.line for fit in self.fitted if fit.line.height_m > SEEN_M])
         assert self.free is not None
         heights = torch.as_tensor(self.free)
-        spread = torch.zeros_like(heights) if self.spread is None else torch.as_tensor(self.spread) / DIRECT.scale
+        spread = torch.zeros_like(heights) if self.spread is None else torch.as_tensor(self.spread) / SPREADS
         return lines_of_relief(self.model, heights, spread)
 
     def _fitted_to_image(self, lines: torch.Tensor) -> FloatArray:
@@ -297,7 +298,7 @@ class _Run:
         self.history += result.history
         self.free = as_glass(result.heights_m, self.scene)
         if result.uncertainty_m is not None:
-            self.spread = result.uncertainty_m.astype(np.float64)
+            self.spread = SPREADS / DIRECT.scale * result.uncertainty_m.astype(np.float64)
         else:
             self.spread = None
         self.counters["misfit"]["free"] = self.total(self.free)

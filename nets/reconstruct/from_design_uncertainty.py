@@ -12,6 +12,9 @@ import numpy as np
 
 from warp_caustics.reconstruct.base import FloatArray
 
+SPREADS = 1.1
+"""What is called spread here: so many standard deviations of the answers over the symmetries."""
+
 
 @dataclass(frozen=True)
 class DesignCalibration:
@@ -43,7 +46,7 @@ def design_uncertainty(spread_m: FloatArray, calibration: DesignCalibration) -> 
     """Standard uncertainty of the heights [m], shape [n, n].
 
     Args:
-        spread_m: standard uncertainty of the answer that knows no design [m], shape [n, n].
+        spread_m: of the answer that knows no design, ``SPREADS`` standard deviations [m], shape [n, n].
         calibration: of the kind of design.
     """
     grown: FloatArray = calibration.scale_m * (np.maximum(spread_m, 0) / 1e-6) ** calibration.power

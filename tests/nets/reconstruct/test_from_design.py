@@ -8,8 +8,9 @@ from data_gen.fibres import Line, line_relief
 from data_gen.vectorise.model import Limits, LineModel
 from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy
 from nets.reconstruct.from_design import DesignOptions, FromDesign, as_rows, limits_around
-from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, LINES, RELIEF, design_uncertainty
+from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
 from nets.reconstruct.selection import MisfitMap, better_parts, parts
+from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -71,7 +72,8 @@ class Free:
         self.answer, self.spread = answer, spread
 
     def reconstruct(self, image, *, initial=None, progress=None):
-        return Reconstruction("direct", self.answer, image.irradiance, 0.1, "converged", uncertainty_m=self.spread)
+        sigma = DIRECT.scale / SPREADS * self.spread
+        return Reconstruction("direct", self.answer, image.irradiance, 0.1, "converged", uncertainty_m=sigma)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +100,7 @@ def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(
     assert len(found.lines) == len(lines)
     if lines:
         assert found.lines[1].line.height_m < 1e-5 and found.lines[0].height_error_m == pytest.approx(0, abs=1e-5)
-    np.testing.assert_array_equal(found.reconstruction.uncertainty_m, design_uncertainty(spread, kind))
+    np.testing.assert_allclose(found.reconstruction.uncertainty_m, design_uncertainty(spread, kind), rtol=1e-6)
 
 
 def test_what_is_no_line_is_not_explained_by_lines_and_is_found_all_the_same(method, simulator):
@@ -113,7 +115,7 @@ def test_what_is_no_line_is_not_explained_by_lines_and_is_found_all_the_same(met
     found = method.reconstruct(image_of(truth, simulator), relief(*TWO), TWO).reconstruction
     assert found.counters["discrepancy"] < EXPLAINED
     assert np.abs(found.heights_m - truth)[12:21, 12:21].max() < 2e-5
-    np.testing.assert_array_equal(found.uncertainty_m, design_uncertainty(np.full((32, 32), 1e-6), LINES))
+    np.testing.assert_allclose(found.uncertainty_m, design_uncertainty(np.full((32, 32), 1e-6), LINES), rtol=1e-6)
 
 
 def test_left_of_an_image_in_units_of_its_noise(simulator):
