@@ -33,7 +33,7 @@ from data_gen.line_fit import FittedLine, fit_lines
 from data_gen.vectorise import lines_of_relief
 from data_gen.vectorise.model import Limits, LineModel
 from nets.reconstruct import methods
-from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy
+from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.search import ITERATIONS, LAST, LineSearch
 from nets.reconstruct.from_design_uncertainty import (
     EXPLAINED_LINES,
@@ -261,7 +261,7 @@ class _Run:
         self.counters["misfit"]["image fit"] = self.total(found)
         left = Discrepancy(self.scene, self.image, self.method.device)(found)
         self.counters["discrepancy"] = left
-        self.is_explained = left is not None and left < EXPLAINED
+        self.is_explained = is_explained(left)
         return found
 
     def _is_best_everywhere(self, found: FloatArray) -> bool:

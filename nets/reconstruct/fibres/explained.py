@@ -36,7 +36,7 @@ class Discrepancy:
             heights = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
             return self.measurement.discrepancy(self.simulator(heights))
 
-    def is_explained(self, heights_m: FloatArray) -> bool:
-        """Whether nothing but noise is left; False if the noise is unknown."""
-        left = self(heights_m)
-        return left is not None and left < EXPLAINED
+
+def is_explained(left: float | None) -> bool:
+    """Whether a discrepancy is nothing but noise; False if the noise is unknown."""
+    return left is not None and left < EXPLAINED

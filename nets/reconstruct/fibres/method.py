@@ -18,7 +18,7 @@ from data_gen.config import Profile
 from data_gen.vectorise import lines_of_relief
 from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.explained import Discrepancy
+from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.image_fit import TimeUp
 from nets.reconstruct.fibres.search import ITERATIONS, LineSearch
 from nets.reconstruct.polish import outcome, polished
@@ -120,16 +120,16 @@ class _Run:
         timings["fibres"] = time.perf_counter() - self.started - sum(timings.values())
         heights, fibres = answer.heights_m, None
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
-        is_explained = False
+        is_noise_left = False
         if len(self.lines):
             found = as_glass(1e-3 * method.model.heights(self.lines).double().cpu().numpy(), method.scene)
             residual = residual_of(method.network.simulator, self.image, found)[1]
             counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
             if residual < answer.residual:
                 heights, fibres = found, 1e-3 * self.lines.numpy()
-                is_explained = Discrepancy(method.scene, self.image, method.device).is_explained(found)
+                is_noise_left = is_explained(Discrepancy(method.scene, self.image, method.device)(found))
                 counters["explained_by"] = "fibres"
-        if method.options.refine and self.reason == "converged" and not is_explained:
+        if method.options.refine and self.reason == "converged" and not is_noise_left:
             candidates = [self._refined(answer.heights_m)]
             if fibres is not None:
                 candidates.append(self._refined(heights))

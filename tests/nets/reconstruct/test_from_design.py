@@ -6,7 +6,7 @@ import torch
 
 from data_gen.fibres import Line, line_relief
 from data_gen.vectorise.model import Limits, LineModel
-from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy
+from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy, is_explained
 from nets.reconstruct.from_design import DesignOptions, FromDesign, as_rows, limits_around
 from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
 from nets.reconstruct.selection import MisfitMap, better_parts, parts
@@ -124,10 +124,10 @@ def test_left_of_an_image_in_units_of_its_noise(simulator):
     rng = np.random.default_rng(1)
     image = CausticImage(clean + rng.normal(0, 0.01, clean.shape).astype(np.float32), np.full(3, 0.01))
     left = Discrepancy(SCENE, image, "cpu")
-    assert left(truth) == pytest.approx(1, abs=0.02) and left.is_explained(truth)
-    assert left(relief(TWO[0])) > EXPLAINED and not left.is_explained(relief(TWO[0]))
+    assert left(truth) == pytest.approx(1, abs=0.02) and is_explained(left(truth))
+    assert left(relief(TWO[0])) > EXPLAINED and not is_explained(left(relief(TWO[0])))
     unknown = Discrepancy(SCENE, CausticImage(image.irradiance), "cpu")
-    assert unknown(truth) is None and not unknown.is_explained(truth)
+    assert unknown(truth) is None and not is_explained(unknown(truth))
 
 
 def test_lines_of_a_design_are_never_out_of_the_limits():
