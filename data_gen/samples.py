@@ -199,10 +199,14 @@ class UpdaterSampler:
         """Samples as float32 tensors on the device, and their counters: what training on fresh samples takes."""
         heights = self.reliefs.true(ids)
         start, counters = self.reliefs.perturbed(ids)
-        target = self.target(heights, ids)
+        return self.at(heights, start, self.target(heights, ids), ids), counters
+
+    def at(
+        self, heights: torch.Tensor, start: torch.Tensor, target: torch.Tensor, ids: Sequence[int]
+    ) -> dict[str, torch.Tensor]:
+        """Samples of given reliefs, starts [m], shape [B, n, n], and targets [W/m^2]; photons by their numbers."""
         simulated, gradient = self.simulated.with_gradient(start, target, ids, self.denoiser)
-        tensors = {"heights": heights, "start": start, "target": target, "simulated": simulated, "gradient": gradient}
-        return tensors, counters
+        return {"heights": heights, "start": start, "target": target, "simulated": simulated, "gradient": gradient}
 
     def draw(self, ids: Sequence[int]) -> SampleBatch:
         tensors, counters = self.draw_tensors(ids)

@@ -64,6 +64,10 @@ class ReplayConfig(Strict):
     """Samples kept; 0 for no pool. A sample of Tab. 1's scene takes 1.6 MiB (direct) to 3.2 MiB (updater)."""
     fresh_per_step: Annotated[int, Field(ge=1, le=4096)] = 8
     """Samples simulated in each step, which replace the oldest."""
+    own_share: Annotated[Finite, Field(ge=0, lt=1)] = 0.0
+    """Of these, ``updater``: continue samples of the pool, from the network's own answers; see ``own_starts.py``."""
+    flat_share: Share = 0.0
+    """Of the others, ``updater``: start from a flat plate, as a reconstruction does, and not from perturbed relief."""
 
 
 class ValidationConfig(Strict):
@@ -228,6 +232,12 @@ class RunConfig(Strict):
         replayed = self.training.replay.size
         if replayed and self.data is not None:
             raise ValueError("training.replay.size is for fresh samples, a data set is a pool already; set it to 0")
+        replay = self.training.replay
+        if (replay.own_share or replay.flat_share) and not (replay.size and self.kind == "updater"):
+            raise ValueError(
+                "training.replay.own_share and flat_share are for the updater with a pool; "
+                "set both to 0, or training.replay.size"
+            )
         fixed = self.training.fixed_samples
         if fixed and replayed:
             raise ValueError("training.fixed_samples and training.replay.size are both pools; set one of them to 0")

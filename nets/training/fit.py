@@ -140,6 +140,7 @@ class _Loop:
         self.watch = Stopwatch(device)
         self.task = make_task(self.config, device, int(self.fabric.global_rank), self.watch)
         if isinstance(self.source, ReplaySource):
+            self.source.network = self._average_model
             self._check_pool(self.source)
         self.source.resume(self.state.step * training.accumulate)
         self.validation = self.source.validation()

@@ -12,6 +12,7 @@ unrolled   image, heights, start
 =========  ====================================================================
 """
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import torch
@@ -20,6 +21,7 @@ from data_gen.samples import Denoiser, DenoiserSampler, Reliefs, UpdaterSampler
 from nets.training.config import LATTICE, RunConfig
 from nets.training.imaging import Imager, VariedImager
 from nets.training.keys import batch_ids, fresh_dataset, step_generator
+from nets.training.own_starts import OwnStarts
 from nets.training.precision import autocast
 from nets.training.strokes import AHEAD, StrokeStream
 from warp_caustics.errors import InputError, MismatchError
@@ -81,6 +83,7 @@ class FreshSource:
             self._sampler = UpdaterSampler(dataset, device, self._denoiser)
         else:
             self._imager = VariedImager(config.scene, training.photons, training.seed, device)
+        self.starts = OwnStarts(config, self._sampler, rank) if config.kind == "updater" else None
         self.with_start = config.kind == "unrolled"
         self.strokes = StrokeStream(dataset, device, with_start=self.with_start)
 
@@ -90,9 +93,8 @@ class FreshSource:
 
     def batch(self, step: int) -> Batch:
         ids = self.ids(step)
-        if self.config.kind == "updater":
-            tensors: Batch = self._sampler.draw_tensors(ids)[0]
-            return tensors
+        if self.starts is not None:
+            return self.starts.fresh(ids, is_flat=self.starts.draws(step)[1])
         heights, *start = self.strokes.reliefs(ids, [self.ids(step + k) for k in range(1, AHEAD + 1)])
         if self.config.kind == "denoiser":
             return {"noisy": self._sampler.noisy(heights, ids), "clean": self._sampler.clean(heights, ids)}
@@ -132,7 +134,7 @@ class ReplaySource:
 
     Round r brings fresh batch r; step k draws after round k + P - 1, where the
     first P rounds fill the pool before training. Images are kept as float16.
-    On resume the pool is simulated again, sample by sample the same.
+    On resume the pool is simulated again, sample by sample the same
 
     Args:
         fresh: makes the samples.
@@ -148,6 +150,8 @@ class ReplaySource:
         self.steps_per_epoch = fresh.steps_per_epoch
         self.pool: Batch = {}
         self.rounds = 0
+        self.network: Callable[..., Any] | None = None
+        """Continues samples where ``own_share`` asks for it; None leaves it out."""
         if self.slots * fresh.size < batch_size:
             raise InputError(
                 f"training.replay.size {replay.size} is smaller than a batch of {batch_size}; raise it to "
@@ -188,7 +192,8 @@ class ReplaySource:
     def _fill(self, rounds: int) -> None:
         while self.rounds < rounds:
             first = self.rounds % self.slots * self.fresh.size
-            for name, values in self.fresh.batch(self.rounds).items():
+            batch = self._continued(self.rounds) or self.fresh.batch(self.rounds)
+            for name, values in batch.items():
                 if name not in self.pool:
                     dtype = torch.float16 if name in IMAGES[self.fresh.config.kind] else torch.float32
                     shape = (self.slots * self.fresh.size, *values.shape[1:])
@@ -197,6 +202,18 @@ class ReplaySource:
                 limit = torch.finfo(self.pool[name].dtype).max
                 self.pool[name][first : first + self.fresh.size] = values.clamp(max=limit)
             self.rounds += 1
+
+    def _continued(self, round_: int) -> Batch | None:
+        """Samples of the pool one step further; None where new ones are due."""
+        starts = self.fresh.starts
+        if self.network is None or starts is None or not self.pool or not starts.draws(round_)[0]:
+            return None
+        available = min(round_, self.slots) * self.fresh.size
+        generator = step_generator(self._seed, "continued", round_, self.fresh.rank, self.fresh.device)
+        chosen = torch.randint(available, (self.fresh.size,), generator=generator, device=self.fresh.device)
+        batch = {name: kept[chosen].float() for name, kept in self.pool.items()}
+        answers = self.network(batch["target"], batch["simulated"], batch["start"], batch["gradient"])
+        return starts.continued(batch, answers, self.fresh.ids(round_))
 
 
 def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:
