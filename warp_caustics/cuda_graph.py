@@ -2,8 +2,28 @@
 
 import gc
 from collections.abc import Callable
+from typing import Any
 
 import torch
+
+
+def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
+    """The launches of a call as a graph, and what it returns: tensors that each replay overwrites.
+
+    Args:
+        call: only launches GPU work; it has run before, so that its kernels are loaded.
+    """
+    graph = torch.cuda.CUDAGraph()
+    torch.cuda.synchronize()
+    # The garbage collector may free an older graph, which must not happen while one is recorded.
+    gc.collect()
+    gc.disable()
+    try:
+        with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+            output = call()
+    finally:
+        gc.enable()
+    return graph, output
 
 
 class CudaGraph:
@@ -17,20 +37,13 @@ class CudaGraph:
 
     def __init__(self, call: Callable[..., torch.Tensor], inputs: tuple[torch.Tensor, ...]):
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
-        self.graph = torch.cuda.CUDAGraph()
-        torch.cuda.synchronize()
-        # The garbage collector may free an older graph, which must not happen while one is recorded.
-        gc.collect()
-        gc.disable()
-        try:
-            with torch.no_grad(), torch.cuda.graph(self.graph, capture_error_mode="thread_local"):
-                self.output = call(*self.inputs)
-        finally:
-            gc.enable()
+        with torch.no_grad():
+            self.graph, self.output = recorded(lambda: call(*self.inputs))
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""
         for kept, given in zip(self.inputs, inputs, strict=True):
             kept.copy_(given)
         self.graph.replay()
-        return self.output.clone()
+        output: torch.Tensor = self.output
+        return output.clone()

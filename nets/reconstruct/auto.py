@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 import pydantic
 import torch
 
@@ -13,14 +12,12 @@ from nets.reconstruct.direct import DirectOptions
 from nets.shipped import shipped_weights
 from warp_caustics.errors import CausticsError, InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, Reconstruction, Reconstructor
+from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.reconstruct.pyramid import check_image
-from warp_caustics.reconstruct.refine import FOLD_IRRADIANCE, RefineOptions
+from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.transport import BAD_RESIDUAL, transport_initial, with_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
-
-BRIGHT_QUANTILE = 0.9999
-"""Pixels at this quantile tell whether there are folds: hot pixels are fewer."""
 
 Create = Callable[..., Reconstructor]
 """``create`` of the registry: name, scene, device and options to a method."""
@@ -51,18 +48,6 @@ def choose(has_start: bool, has_folds: bool, refusal: str | None) -> Choice:
     if refusal is None:
         return Choice("direct", "a trained network knows this scene")
     return Choice("transport+refine", f"no network can be used ({refusal})")
-
-
-def has_folds(image: CausticImage, scene: Scene) -> bool:
-    """Whether any light paths cross, as far as the brightness tells.
-
-    Stricter than ``refine``, which asks for half a percent of bright pixels: a field of three lines has fewer, and
-    from flat refine ends 170 um wrong there, the network 2 um. Reliefs without a bright line it finds exactly.
-    """
-    radiosity = np.maximum(np.asarray(scene.radiosity_W_m2), 1e-30)[:, None, None]
-    relative = image.irradiance / radiosity
-    counted = relative if image.mask is None else relative[image.mask]
-    return bool(counted.size and np.quantile(counted, BRIGHT_QUANTILE) > FOLD_IRRADIANCE)
 
 
 def _check_options(options: Mapping[str, Any]) -> None:

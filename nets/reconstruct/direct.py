@@ -7,11 +7,12 @@ from typing import Annotated, Any
 import torch
 from pydantic import Field
 
-from nets.reconstruct.polish import PolishOptions, outcome, polished
-from nets.reconstruct.record import as_glass, finished, network_image
+from nets.reconstruct.polish import Polish, PolishOptions, outcome
+from nets.reconstruct.record import Resimulation, as_glass, finished, network_image
 from nets.reconstruct.symmetries import all_symmetries, seen_in, turned_back
 from nets.reconstruct.uncertainty import DIRECT, uncertainty
-from nets.shipped import FoundNetwork, find_network
+from nets.replayed import Replayed
+from nets.shipped import find_network
 from warp_caustics.reconstruct.base import (
     CausticImage,
     FloatArray,
@@ -59,7 +60,9 @@ class Direct(Reconstructor):
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.network = find_network("direct", scene, path=self.options.weights, device=self.device)
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
+        self.polish = Polish(scene, self.options, self.device)
 
     def reconstruct(
         self,
@@ -80,6 +83,7 @@ class Direct(Reconstructor):
             check_initial(initial, self.scene)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         started = time.perf_counter()
+        resimulation = Resimulation(self.simulator, image)
         answers, history, interrupted = self._answers(image, started, progress)
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
@@ -89,28 +93,26 @@ class Direct(Reconstructor):
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
         reason: StopReason = "interrupted" if interrupted else "converged"
         if self.options.refine and not interrupted:
-            found = polished(
-                self.simulator,
+            found = self.polish(
                 image,
+                resimulation,
                 heights,
-                self.options,
                 timings["network"],
                 _after(progress, history, started),
                 None if spread is None else spread.cpu().numpy() / DIRECT.scale,
             )
             reason = "max_time"
             if found is not None:
-                heights, reason = found.heights, found.result.stop_reason
+                heights, reason = found.heights, found.reason
                 history += [
                     entry | {"iteration": len(history) + k + 1, "elapsed_s": entry["elapsed_s"] + timings["network"]}
-                    for k, entry in enumerate(found.result.history)
+                    for k, entry in enumerate(found.history)
                 ]
             counters["refinement"] = outcome(found)
             timings["refinement"] = time.perf_counter() - started - timings["network"]
         return finished(
             self.name,
-            self.simulator,
-            image,
+            resimulation,
             heights,
             reason=reason,
             history=history,
@@ -134,7 +136,7 @@ class Direct(Reconstructor):
         batch = BATCH[self.device.type]
         try:
             for part in symmetries.split(batch, dim=1):
-                heights = direct_answers(self.network, seen_in(seen, part))
+                heights = self.replayed(seen_in(seen, part))
                 answers = torch.cat([answers, turned_back(heights, part)])
                 elapsed = time.perf_counter() - started
                 entry = {"stage": "network", "iteration": len(history) + 1, "residual": None, "elapsed_s": elapsed}
@@ -145,13 +147,6 @@ class Direct(Reconstructor):
         except KeyboardInterrupt:
             return answers, history, True
         return answers, history, False
-
-
-def direct_answers(network: FoundNetwork, images: torch.Tensor) -> torch.Tensor:
-    """Heights [m], shape [B, n, n], of images [B, n_w, m, m] in the brightness of the network's scene [W/m^2]."""
-    with torch.inference_mode():
-        heights: torch.Tensor = network.module(images.contiguous(memory_format=torch.channels_last))
-    return heights.clone()
 
 
 def _after(progress: ProgressCallback | None, history: list[dict[str, Any]], started: float) -> ProgressCallback | None:

@@ -43,7 +43,7 @@ from nets.reconstruct.from_design_uncertainty import (
     design_uncertainty,
     disagreement,
 )
-from nets.reconstruct.record import as_glass, finished
+from nets.reconstruct.record import Resimulation, as_glass, finished
 from nets.reconstruct.selection import MisfitMap, better_parts
 from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.errors import InputError, MismatchError
@@ -56,7 +56,8 @@ from warp_caustics.reconstruct.base import (
     StopReason,
 )
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
-from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.reconstruct.refine import Refine
+from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 
@@ -375,8 +376,7 @@ class _Run:
             sigma = disagreement(self.best, self.free)
         reconstruction = finished(
             FromDesign.name,
-            self.method.simulator,
-            self.image,
+            Resimulation(self.method.simulator, self.image),
             as_glass(self.best, self.scene),
             reason=reason,
             history=self.history,

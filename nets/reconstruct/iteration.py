@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from nets.reconstruct.polish import PolishOptions, outcome, polished
-from nets.reconstruct.record import as_glass, finished, network_image
+from nets.glass import possible_heights
+from nets.reconstruct.polish import Polish, PolishOptions, outcome
+from nets.reconstruct.record import Resimulation, as_glass, finished, network_image
 from nets.reconstruct.scene_match import working_scene
 from nets.shipped import FoundNetwork
 from warp_caustics.reconstruct.base import (
@@ -68,6 +69,7 @@ class Iterated(Reconstructor):
         self.device = usable_device(device)
         self.inner_scene = working_scene(scene, network.info.scene)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
+        self.polish = Polish(scene, options, self.device)
 
     @property
     @abstractmethod
@@ -107,6 +109,7 @@ class Iterated(Reconstructor):
         if initial is not None:
             check_initial(initial, self.scene)
         started = time.perf_counter()
+        resimulation = Resimulation(self.simulator, image)
         n = self.scene.height_samples
         flat = np.zeros((n, n)) if initial is None else initial
         steps = Steps(torch.as_tensor(flat, dtype=torch.float32, device=self.device)[None])
@@ -115,15 +118,14 @@ class Iterated(Reconstructor):
         timings = {"iteration": time.perf_counter() - started}
         warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(steps.history), refinement="off")
         if self.options.refine and reason == "max_iterations":
-            found = polished(self.simulator, image, heights, self.options, timings["iteration"], progress)
+            found = self.polish(image, resimulation, heights, timings["iteration"], progress)
             if found is not None:
-                heights, reason = found.heights, found.result.stop_reason
+                heights, reason = found.heights, found.reason
             counters["refinement"] = outcome(found)
             timings["refinement"] = time.perf_counter() - started - timings["iteration"]
         return finished(
             self.name,
-            self.simulator,
-            image,
+            resimulation,
             heights,
             reason=reason,
             history=steps.history,
@@ -149,7 +151,8 @@ class Iterated(Reconstructor):
             steps.heights = self.start(target, initial)
             self._keep(steps)
             for number in range(self.iterations):
-                steps.heights, residual = self.step(number, steps.heights)
+                found, residual = self.step(number, steps.heights)
+                steps.heights = possible_heights(found, self.scene)
                 self._keep(steps)
                 elapsed = time.perf_counter() - started
                 entry = {"stage": "network", "iteration": number + 1, "residual": residual, "loss": residual**2 / 2}

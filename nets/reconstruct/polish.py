@@ -6,17 +6,20 @@ small steps do little harm; what does not lower the residual of all pixels is
 thrown away.
 """
 
-import time
 from dataclasses import dataclass
-from typing import Annotated
+from functools import cached_property, partial
+from typing import Annotated, Any
 
+import torch
 from pydantic import BaseModel, ConfigDict, Field
 
-from nets.reconstruct.record import residual_of
-from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, Reconstruction
-from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from nets.reconstruct.record import Resimulation
+from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, StopReason
+from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
+from warp_caustics.reconstruct.height_descent import HeightDescent
+from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
+from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 DEFAULT_ITERATIONS = 60
 """With the step below, on eight own fields of Tab. 3 with 1 % noise: mean RMSE 15.6 to 13.4 um, each field better.
@@ -58,62 +61,78 @@ class Polished:
     Attributes:
         heights: relief [m], shape [n, n]: the better of start and refinement.
         is_better: whether that is the refinement.
-        result: record of the refinement.
+        reason: why it ended.
+        history: one entry per step.
     """
 
     heights: FloatArray
     is_better: bool
-    result: Reconstruction
+    reason: StopReason
+    history: list[dict[str, Any]]
 
 
-def polished(
-    simulator: CausticSimulator,
-    image: CausticImage,
-    heights: FloatArray,
-    options: PolishOptions,
-    elapsed_s: float,
-    progress: ProgressCallback | None,
-    spread: FloatArray | None = None,
-) -> Polished | None:
-    """Refine a relief; None where no time is left.
+class Polish:
+    """Refines reliefs of one scene, image after image.
+
+    At one image size: from a start this near, coarser ones would only blur.
 
     Args:
-        simulator: of the measured scene, at all pixels.
-        image: what was measured.
-        heights: where to start [m], shape [n, n].
+        scene: of the measurement.
         options: how long.
-        elapsed_s: time already spent [s].
-        progress: called after every iteration.
-        spread: of the network's answers [m], shape [n, n]. Where it is small the network knows better than a
-            descent on a noisy image; None trusts the descent everywhere.
+        device: where to simulate.
     """
-    left = None if options.max_time_s is None else options.max_time_s - elapsed_s
-    if left is not None and left <= 0:
-        return None
-    scene, started = simulator.scene, time.perf_counter()
-    pixels = options.pixels_on(simulator.device.type, scene)
-    _, before = residual_of(simulator, image, heights)
-    if left is not None:
-        left = max(1e-3, left - (time.perf_counter() - started))
-    # At one size: from a start this near, coarser ones would only blur.
-    refine = Refine(
-        scene,
-        RefineOptions(
-            metric="height",
-            coarsest_pixels=pixels,
-            finest_pixels=pixels,
-            max_iterations=options.refine_iterations,
-            step_m=options.refine_step_m,
-            max_time_s=left,
-        ),
-        simulator.device,
-    )
-    result = refine.reconstruct(image, initial=heights, progress=progress)
-    found, after = result.heights_m, result.residual
-    if spread is not None:
-        found = heights + (found - heights) * spread**2 / (spread**2 + TRUSTED_M**2)
-        after = residual_of(simulator, image, found)[1]
-    return Polished(found, True, result) if after < before else Polished(heights, False, result)
+
+    def __init__(self, scene: Scene, options: PolishOptions, device: torch.device):
+        self.scene, self.options, self.device = scene, options, device
+        self.pixels = options.pixels_on(device.type, scene)
+        level_sizes(scene.image_pixels, self.pixels, self.pixels)  # refuses a size that does not divide
+        wished = RefineOptions(max_iterations=options.refine_iterations, step_m=options.refine_step_m)
+        self.refine = wished.resolved("height", False, scene, device.type)
+
+    @cached_property
+    def _descent(self) -> HeightDescent:
+        return HeightDescent(simulator_at(self.scene, self.pixels, self.device), self.refine)
+
+    def __call__(
+        self,
+        image: CausticImage,
+        resimulation: Resimulation,
+        heights: FloatArray,
+        elapsed_s: float,
+        progress: ProgressCallback | None,
+        spread: FloatArray | None = None,
+    ) -> Polished | None:
+        """Refine a relief; None where no time is left.
+
+        Ctrl-C ends it with the best so far.
+
+        Args:
+            image: what was measured.
+            resimulation: judges by all pixels.
+            heights: where to start [m], shape [n, n].
+            elapsed_s: time already spent [s].
+            progress: called after every step.
+            spread: of the network's answers [m], shape [n, n]. Where it is small the network knows better than a
+                descent on a noisy image; None trusts the descent everywhere.
+        """
+        left = None if self.options.max_time_s is None else self.options.max_time_s - elapsed_s
+        if left is not None and left <= 0:
+            return None
+        record = DescentRecord(self.options.refine_iterations, progress, self.refine.discrepancy, left)
+        before = resimulation(heights).residual
+        measurement = measurement_at(image, self.scene, self.pixels, self.device, self.refine.border_pixels)
+        reason: StopReason = "max_iterations"
+        try:
+            self._descent.run(measurement, heights, partial(record.note, f"{self.pixels} x {self.pixels} pixels"))
+        except StopDescent as stop:
+            reason = stop.reason
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        found = self._descent.best_heights()
+        if spread is not None:
+            found = heights + (found - heights) * spread**2 / (spread**2 + TRUSTED_M**2)
+        is_better = resimulation(found).residual < before
+        return Polished(found if is_better else heights, is_better, reason, record.history)
 
 
 def outcome(found: Polished | None) -> str:

@@ -1,7 +1,7 @@
 """What all methods with networks do around them: prepare the image, explain the result."""
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.ndimage
@@ -43,14 +43,47 @@ def network_image(image: CausticImage, scene: Scene, trained: Scene, device: tor
     return measured * (flat_irradiance(trained) / flat_irradiance(scene)).to(device)
 
 
-def residual_of(simulator: CausticSimulator, image: CausticImage, heights: FloatArray) -> tuple[torch.Tensor, float]:
-    """Caustic of a relief [W/m^2], shape [n_w, m, m], and its relative residual over the pixels that count."""
-    scene, device = simulator.scene, simulator.device
-    measurement = measurement_at(image, scene, scene.image_pixels, device)
-    radiosity = torch.tensor(scene.radiosity_W_m2, device=device)[:, None, None]
-    with torch.no_grad():
-        simulated = simulator(torch.tensor(heights, dtype=torch.float32, device=device))
-        return simulated, measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
+class Resimulated(NamedTuple):
+    """A relief's caustic."""
+
+    image: torch.Tensor
+    """[W/m^2], shape [n_w, m, m]."""
+    residual: float
+    """Relative, over the pixels that count."""
+
+
+class Resimulation:
+    """Caustics of reliefs at all pixels of one measured image, and how well they explain it.
+
+    Args:
+        simulator: of the measured scene.
+        image: what was measured.
+    """
+
+    REMEMBERED = 3
+    """Reliefs whose caustic is kept: candidates are compared, then the best is reported."""
+
+    def __init__(self, simulator: CausticSimulator, image: CausticImage):
+        self.simulator = simulator
+        self.measurement = measurement_at(image, simulator.scene, simulator.scene.image_pixels, simulator.device)
+        radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
+        self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
+        self._known: list[tuple[FloatArray, Resimulated]] = []
+
+    def __call__(self, heights: FloatArray) -> Resimulated:
+        """Of a relief [m], shape [n, n]; an array that was asked for lately is not simulated again."""
+        for known, found in self._known:
+            if known is heights:
+                return found
+        with torch.no_grad():
+            simulated = self.simulator(self.relief(heights))
+            found = Resimulated(simulated, self.measurement.relative_residual(simulated / self._radiosity))
+        self._known = [*self._known[1 - self.REMEMBERED :], (heights, found)]
+        return found
+
+    def relief(self, heights: FloatArray) -> torch.Tensor:
+        """Heights as the simulator takes them."""
+        return torch.tensor(heights, dtype=torch.float32, device=self.simulator.device)
 
 
 def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:
@@ -61,8 +94,7 @@ def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:
 
 def finished(
     method: str,
-    simulator: CausticSimulator,
-    image: CausticImage,
+    resimulation: Resimulation,
     heights: FloatArray,
     *,
     reason: StopReason,
@@ -78,8 +110,7 @@ def finished(
 
     Args:
         method: its name.
-        simulator: of the measured scene.
-        image: what was measured.
+        resimulation: of the measured image.
         heights: result [m], shape [n, n].
         reason: why it ended.
         history: of iterations.
@@ -91,14 +122,14 @@ def finished(
         iterates: heights after each iteration [m], shape [K + 1, n, n].
     """
     started = time.perf_counter()
-    simulated, residual = residual_of(simulator, image, heights)
+    simulated, residual = resimulation(heights)
+    simulator = resimulation.simulator
     if residual > BAD_RESIDUAL and reason != "interrupted":
         warnings = [
             *warnings,
             f"the result explains the image to {residual:.0%} only, printed reliefs as in training to better than "
             f"{BAD_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine",
         ]
-    found = torch.tensor(heights, dtype=torch.float32, device=simulator.device)
     return Reconstruction(
         method=method,
         heights_m=heights,
@@ -107,7 +138,7 @@ def finished(
         stop_reason=reason,
         history=history,
         timings_s=timings | {"resimulation": time.perf_counter() - started},
-        counters=counters | {"energy": energy_budget(simulator, found)},
+        counters=counters | {"energy": energy_budget(simulator, resimulation.relief(heights))},
         settings=settings | {"simulation": simulator.settings()},
         warnings=tuple(warnings),
         uncertainty_m=uncertainty,

@@ -5,10 +5,10 @@ from typing import Any, Literal
 import torch
 
 from nets.modern import Update
-from nets.reconstruct.direct import direct_answers
 from nets.reconstruct.gradient import data_gradient
 from nets.reconstruct.iteration import Iterated, IterationOptions, relative
 from nets.reconstruct.symmetries import all_symmetries, seen_in, turned_back
+from nets.replayed import Replayed
 from nets.shipped import FoundNetwork, find_network
 from nets.training.config import UnrollingConfig
 from warp_caustics.reconstruct.base import FloatArray
@@ -85,7 +85,7 @@ class NsfcUnrolled(Iterated):
         if initial is not None:
             return seen_in(torch.as_tensor(initial, dtype=torch.float32, device=self.device), self.symmetries)
         if self.direct is not None:
-            return direct_answers(self.direct, self.target)
+            return Replayed(self.direct.module)(self.target)
         n = self.scene.height_samples
         return torch.zeros(len(self.target), n, n, device=self.device)
 

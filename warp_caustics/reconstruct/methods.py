@@ -9,7 +9,8 @@ import torch
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import Reconstructor
 from warp_caustics.reconstruct.hcccd import Hcccd, HcccdOptions
-from warp_caustics.reconstruct.refine import Refine, RefineOptions
+from warp_caustics.reconstruct.refine import Refine
+from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.sfc import Sfc
 from warp_caustics.reconstruct.sfc_options import SfcOptions
 from warp_caustics.reconstruct.transport import Transport, TransportOptions

@@ -51,15 +51,23 @@ class Measurement:
 
     def relative_residual(self, image: torch.Tensor) -> float:
         """||image - measured|| / ||measured|| over the pixels that count."""
+        return float(self.relative_residual_tensor(image))
+
+    def relative_residual_tensor(self, image: torch.Tensor) -> torch.Tensor:
+        """The same on the device, which then need not be waited for; shape []."""
         difference = (image - self.irradiance) * self.weight
-        return float(difference.double().norm() / (self.irradiance * self.weight).double().norm())
+        relative: torch.Tensor = difference.double().norm() / (self.irradiance * self.weight).double().norm()
+        return relative
 
     def discrepancy(self, image: torch.Tensor) -> float | None:
         """RMS residual in units of the noise: 1 where a relief explains the image; None without a noise estimate."""
-        if self.noise is None:
-            return None
+        return None if self.noise is None else float(self.discrepancy_tensor(image))
+
+    def discrepancy_tensor(self, image: torch.Tensor) -> torch.Tensor:
+        """The same on the device, shape []; the noise must be known."""
+        assert self.noise is not None
         squared = ((image - self.irradiance).double() / self.noise) ** 2 * self.weight
-        return float((squared.sum() / self.weight.sum()).sqrt())
+        return (squared.sum() / self.weight.sum()).sqrt()
 
 
 def total_variation(heights: torch.Tensor, pitch_m: tuple[float, float]) -> torch.Tensor:

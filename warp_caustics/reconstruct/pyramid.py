@@ -11,6 +11,7 @@ from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage, FloatArray
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 
 DARK_FLOOR = 0.05
 """Noise is taken to grow as the root of the irradiance (shot noise), from this irradiance on."""
@@ -59,35 +60,42 @@ def measurement_at(
 
     ``pixels`` must divide the image; the outermost ``border`` pixels do not count.
     """
-    channels, m, _ = image.irradiance.shape
+    m = image.irradiance.shape[-1]
     factor = m // pixels
-    radiosity = np.asarray(scene.radiosity_W_m2)[:, None, None]
-    mask = np.ones(image.irradiance.shape, bool) if image.mask is None else image.mask
-    mask = mask & (radiosity > 0)
-    scale = np.where(radiosity > 0, radiosity, 1.0)
-    relative = np.where(mask, image.irradiance / scale, 0.0)
+    shines = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64, device=device)[:, None, None]
+    scale = torch.where(shines > 0, shines, 1.0)
+    relative = torch.as_tensor(image.irradiance, device=device).double() / scale
+    mask = (shines > 0).expand(relative.shape)
+    if image.mask is not None:
+        mask = mask & torch.as_tensor(image.mask, device=device)
+    relative = torch.where(mask, relative, 0.0)
 
-    def binned(values: FloatArray) -> FloatArray:
-        blocks: FloatArray = values.reshape(channels, pixels, factor, pixels, factor).sum(axis=(2, 4))
-        return blocks
+    def binned(values: torch.Tensor) -> torch.Tensor:
+        return values.reshape(-1, pixels, factor, pixels, factor).sum(dim=(2, 4)) if factor > 1 else values
 
-    counts = binned(mask.astype(np.float64))
+    counts = binned(mask.double())
     # A coarse pixel with a saturated part would be too dark: it counts only if all of it does.
     whole = counts == factor**2
     if border:
-        inside = np.zeros_like(whole)
+        inside = torch.zeros_like(whole)
         inside[:, border:-border, border:-border] = True
         whole = whole & inside
-    mean = binned(relative) / np.maximum(counts, 1)
+    mean = binned(relative) / counts.clamp_min(1)
     noise = None
     if image.noise_std is not None and (np.asarray(image.noise_std) > 0).all():
-        std = np.asarray(image.noise_std)[:, None, None] / scale
-        noise = torch.as_tensor(std * np.sqrt(np.maximum(mean, DARK_FLOOR)) / factor, device=device)
-    return Measurement(
-        irradiance=torch.as_tensor(mean, dtype=torch.float32, device=device),
-        weight=torch.as_tensor(whole, dtype=torch.float32, device=device),
-        noise=noise,
-    )
+        std = torch.as_tensor(np.asarray(image.noise_std, dtype=np.float64), device=device)[:, None, None] / scale
+        noise = std * mean.clamp_min(DARK_FLOOR).sqrt() / factor
+    return Measurement(irradiance=mean.float(), weight=whole.float(), noise=noise)
+
+
+def simulator_at(scene: Scene, pixels: int, device: torch.device) -> CausticSimulator:
+    """Simulates what :func:`measurement_at` measures: so many pixels, in units of the radiosity.
+
+    So that weights of an objective mean the same for dim and bright light.
+    """
+    ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
+    scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
+    return CausticSimulator(scene_at, "lattice", device=device)
 
 
 def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:

@@ -5,10 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
-from nets.reconstruct.auto import choose, has_folds
+from nets.reconstruct.auto import choose
 from nets.reconstruct.methods import create
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.scene import Scene
 
 

@@ -8,8 +8,8 @@ import torch
 
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.methods import ALL_METHODS, create
-from nets.reconstruct.polish import PolishOptions, polished
-from nets.reconstruct.record import network_image
+from nets.reconstruct.polish import Polish, PolishOptions
+from nets.reconstruct.record import Resimulation, network_image
 from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage
@@ -100,15 +100,14 @@ def test_refinement_never_raises_the_residual(made, image):
 
 
 def test_refinement_moves_only_where_the_network_is_unsure(scene, image, heights):
-    simulator, options = (
-        CausticSimulator(scene),
-        PolishOptions(refine_iterations=20, refine_step_m=2e-5, refine_pixels=64),
-    )
+    options = PolishOptions(refine_iterations=20, refine_step_m=2e-5, refine_pixels=64)
+    polish = Polish(scene, options, torch.device("cpu"))
+    judge = Resimulation(CausticSimulator(scene), image)
     start = 0.9 * heights
     spread = np.zeros_like(heights)
     spread[:8] = 1e-3
-    found = polished(simulator, image, start, options, 0.0, None, spread)
-    free = polished(simulator, image, start, options, 0.0, None)
+    found = polish(image, judge, start, 0.0, None, spread)
+    free = polish(image, judge, start, 0.0, None)
     assert found.is_better and free.is_better
     np.testing.assert_array_equal(found.heights[8:], start[8:])
     np.testing.assert_allclose(found.heights[:8], free.heights[:8], rtol=1e-4, atol=1e-9)
