@@ -55,9 +55,10 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_mm: tuple[float, flo
         first, last = _run(along[k] > SUPPORT * top)
         width = np.subtract(*_run(across[k] > 0.5 * top)[::-1]) * pitch / 2
         length = (last - first) * pitch / 2
-        height = float(np.quantile(along[k, first : last + 1], 0.3))
-        found.append((length - width, angle, steps[first] * pitch, steps[last] * pitch, width, height))
-    found.sort(reverse=True)
+        found.append(
+            (length - width, angle, steps[first] * pitch, steps[last] * pitch, width, along[k, first : last + 1])
+        )
+    found.sort(key=lambda candidate: candidate[:2], reverse=True)
     kept = [found[0]]
     kept += [f for f in found if min(abs(f[1] - kept[0][1]), np.pi - abs(f[1] - kept[0][1])) > 0.2][:1]
     x, y = (j + 0.5) * pitch_x - plate_size_mm[0] / 2, (i + 0.5) * pitch_y - plate_size_mm[1] / 2
@@ -69,9 +70,9 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_mm: tuple[float, flo
             y + high * np.sin(angle),
             # The half width of the cosine profile is half its full one.
             float(np.clip(2 * width, 0.2, 4.0)),
-            max(height, 0.03),
+            max(float(np.quantile(ridge, 0.3)), 0.03),
         ]
-        for _, angle, low, high, width, height in kept
+        for _, angle, low, high, width, ridge in kept
     ]
 
 

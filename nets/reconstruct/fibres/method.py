@@ -9,6 +9,7 @@ image is explained no better, the answer is that of ``direct``.
 import dataclasses
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any
 
 import torch
@@ -20,9 +21,9 @@ from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.image_fit import TimeUp
-from nets.reconstruct.fibres.search import ITERATIONS, LineSearch
-from nets.reconstruct.polish import outcome, polished
-from nets.reconstruct.record import as_glass, finished, residual_of
+from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.polish import Polish, outcome
+from nets.reconstruct.record import Resimulation, as_glass, finished
 from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.reconstruct.base import (
     CausticImage,
@@ -66,7 +67,7 @@ class Fibres(Reconstructor):
         plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
-        self.polish = plain
+        self.polish = Polish(scene, plain, self.device)
         self.model = LineModel(scene, self.options.profile, self.device)
 
     def reconstruct(
@@ -101,6 +102,7 @@ class _Run:
         progress: ProgressCallback | None,
     ):
         self.method, self.image, self.answer = method, image, answer
+        self.resimulation = Resimulation(method.network.simulator, image)
         self.started, self.progress = started, progress
         self.history: list[dict[str, Any]] = list(answer.history)
         self.reason: StopReason = "converged"
@@ -122,12 +124,12 @@ class _Run:
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
         is_noise_left = False
         if len(self.lines):
-            found = as_glass(1e-3 * method.model.heights(self.lines).double().cpu().numpy(), method.scene)
-            residual = residual_of(method.network.simulator, self.image, found)[1]
+            found = self._relief(self.lines)
+            residual = self.resimulation(found).residual
             counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
             if residual < answer.residual:
                 heights, fibres = found, 1e-3 * self.lines.numpy()
-                is_noise_left = is_explained(Discrepancy(method.scene, self.image, method.device)(found))
+                is_noise_left = is_explained(self.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
             candidates = [self._refined(answer.heights_m)]
@@ -144,8 +146,7 @@ class _Run:
             timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
         result = finished(
             method.name,
-            method.network.simulator,
-            self.image,
+            self.resimulation,
             heights,
             reason=self.reason,
             history=self.history,
@@ -158,6 +159,15 @@ class _Run:
         )
         return dataclasses.replace(result, fibres_m=fibres)
 
+    @cached_property
+    def discrepancy(self) -> Discrepancy:
+        """What is left of the image."""
+        return Discrepancy(self.method.scene, self.image, self.method.device)
+
+    def _relief(self, lines: torch.Tensor) -> FloatArray:
+        """Heights of lines [mm], shape [n, n] [m]."""
+        return as_glass(1e-3 * self.method.model.heights(lines).double().cpu().numpy(), self.method.scene)
+
     def _fit(self) -> None:
         method, scene = self.method, self.method.scene
         heights = torch.as_tensor(self.answer.heights_m)
@@ -165,7 +175,9 @@ class _Run:
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT.scale
         pixels = method.options.pixels_on(method.device.type, scene)
-        start = lines_of_relief(method.model, heights, spread, most=method.options.most_lines)
+        most = method.options.most_lines
+        start = lines_of_relief(method.model, heights, spread, most=most)
+        relief_mm, spread_mm = (1e3 * values.to(method.device, torch.float32) for values in (heights, spread))
         search = LineSearch(
             scene,
             self.image,
@@ -173,6 +185,8 @@ class _Run:
             pixels,
             jumps=method.options.jumps,
             iterations=self.iterations,
+            answer=Answer(relief_mm, spread_mm, most),
+            is_explained=lambda lines: is_explained(self.discrepancy(self._relief(lines))),
             report=self._note,
         )
         try:
@@ -196,10 +210,9 @@ class _Run:
         """A relief after the steps that ``direct`` ends with."""
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
         elapsed = time.perf_counter() - self.started
-        simulator = self.method.network.simulator
-        found = polished(simulator, self.image, heights, self.method.polish, elapsed, self.progress, spread)
+        found = self.method.polish(self.image, self.resimulation, heights, elapsed, self.progress, spread)
         better = heights if found is None else found.heights
-        return _Refined(better, residual_of(simulator, self.image, better)[1], outcome(found))
+        return _Refined(better, self.resimulation(better).residual, outcome(found))
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,13 @@
-"""Lines searched for on an image: descents and jumps in turn on few pixels, then descents on more and on all."""
+"""Lines searched for on an image: descents, lines more or less, and jumps on few pixels; then descents on all."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 
 from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -25,6 +27,28 @@ FINE_PHOTONS_PER_PIXEL = 8
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
 
 
+MORE = 3
+"""Rounds on more pixels, at most."""
+
+WORTH = 0.99
+"""A round must lower the misfit by this factor to be followed by another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a network says of the relief.
+
+    Attributes:
+        relief_mm: shape [n, n] [mm].
+        spread_mm: how far its answers lie apart, shape [n, n] [mm].
+        most: lines it may consist of.
+    """
+
+    relief_mm: torch.Tensor
+    spread_mm: torch.Tensor
+    most: int = 60
+
+
 class LineSearch:
     """A search from lines that are nearly right.
 
@@ -33,8 +57,11 @@ class LineSearch:
         image: what was measured.
         model: renders lines.
         pixels: size of the image for most of the work; jumps are tried at half as many, where the heights allow it.
-        jumps: rounds of jumps, at most; 0 where lines are known to be nearly right.
+        jumps: rounds of growth and jumps, at most; 0 where lines are known to be nearly right.
         iterations: of L-BFGS between jumps.
+        answer: of the network, which tells where lines may be missing; None leaves their number.
+        is_explained: tells of lines whether they leave nothing but noise; where they do not, the search goes on with
+            more pixels. None ends it.
         report: called after each evaluation with its loss; may raise.
     """
 
@@ -47,9 +74,11 @@ class LineSearch:
         *,
         jumps: int,
         iterations: int = ITERATIONS,
+        answer: Answer | None = None,
+        is_explained: Callable[[torch.Tensor], bool] | None = None,
         report: Callable[[float], None] | None = None,
     ):
-        self.jumps, self.iterations = jumps, iterations
+        self.jumps, self.iterations, self.answer, self.is_explained = jumps, iterations, answer, is_explained
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [mm]; stays when ``run`` is interrupted."""
 
@@ -69,23 +98,40 @@ class LineSearch:
         """
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
-            self.lines = self.fine.descend(self._searched(start), self.iterations // 2).lines
+            found = self.fine.descend(self._searched(self.coarse, start), self.iterations // 2)
+            self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
             self.lines = self.fine.descend(start, self.iterations).lines
-        if self.last is not None:
-            self.lines = self.last.descend(self.lines, min(LAST, self.iterations)).lines
+        self._finish()
+        for _ in range(MORE if self.jumps else 0):
+            if self.is_explained is None or self.is_explained(self.lines):
+                break
+            before = self.lines
+            self.lines = self._searched(self.fine, self.lines, rounds=1)
+            if torch.equal(self.lines, before):
+                break
+            self._finish()
         return self.lines
 
-    def _searched(self, start: torch.Tensor) -> torch.Tensor:
-        """After descents and jumps in turn: few pixels tell which lines there are, for a quarter of the time."""
-        best = self.coarse.descend(start, self.iterations)
+    def _finish(self) -> None:
+        if self.last is not None:
+            self.lines = self.last.descend(self.lines, min(LAST, self.iterations)).lines
+
+    def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> torch.Tensor:
+        """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time."""
+        best = fit.descend(start, self.iterations)
         self.lines = best.lines
-        for number in range(self.jumps):
-            moved, has_jumped = jump(self.coarse, best.lines, LATER if number else None)
-            if not has_jumped:
+        for number in range(self.jumps if rounds is None else rounds):
+            before = best.loss
+            if self.answer is not None:
+                best = pruned(fit, best.lines)
+                best = grown(fit, best.lines, self.answer.relief_mm, self.answer.spread_mm, self.answer.most)
+                self.lines = best.lines
+            moved, has_jumped = jump(fit, best.lines, None if number == 0 and rounds is None else LATER)
+            if has_jumped or self.answer is not None:
+                found = fit.descend(moved, self.iterations)
+                best = found if found.loss < best.loss else best
+                self.lines = best.lines
+            if best.loss > WORTH * before:
                 break
-            found = self.coarse.descend(moved, self.iterations)
-            if found.loss >= best.loss:
-                break
-            best, self.lines = found, found.lines
         return best.lines

@@ -95,11 +95,11 @@ def answering(monkeypatch, saved):
     """A method ``fibres`` whose network says what it is told."""
 
     def make(heights_m, **options):
-        def answers(network, images):
+        def answers(images):
             found = torch.as_tensor(heights_m, dtype=torch.float32)
             return found.expand(len(images), *found.shape).clone()
 
-        monkeypatch.setattr(direct_module, "direct_answers", answers)
+        monkeypatch.setattr(direct_module, "Replayed", lambda module: answers)
         weights = saved("direct", scene=SCENE)
         return create("fibres", SCENE, weights=weights, symmetries=False, **options)
 

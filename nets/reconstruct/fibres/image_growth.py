@@ -1,0 +1,116 @@
+"""Lines more and lines less, as the image has it.
+
+A network blurs what is thinner than a sample, and errs where many lines lie on
+top of each other; lines that explain its relief are then one too few, or one of
+two. What of its relief no line explains says where to look; whether there is a
+line, the image says.
+"""
+
+import torch
+
+from data_gen.vectorise.model import LineModel
+from data_gen.vectorise.proposals import proposed_lines
+from data_gen.vectorise.robust import fit_lines
+from nets.reconstruct.fibres.image_fit import Fitted, ImageFit
+
+ROUNDS = 4
+"""In which lines are proposed anew, at most."""
+RIDGES = 8
+"""Highest points of what is unexplained through which lines are proposed, in two directions each."""
+FOLLOWED = 6
+"""Proposals that are fitted to the image."""
+FITTING = 10
+"""Steps of the fit to what is unexplained of the relief."""
+ITERATIONS = 6
+"""Of L-BFGS, in which a proposal must prove itself."""
+HOPELESS = 1.02
+"""A proposal that raises the misfit by this factor before anything has moved is not followed."""
+PATIENCE = 2
+"""Proposals that fail in a row before the others, less promising, are left alone."""
+GAIN = 0.98
+"""A new line must lower the misfit by this factor."""
+LOSS = 1.005
+"""A line whose absence raises the misfit by less than this factor is removed."""
+SUPERSAMPLING = 2
+"""Of the relief of proposals: a quarter of the time, and exact enough for a start."""
+LOWEST_MM = 0.01
+"""What is unexplained and lower is no line [mm]: a network leaves so much everywhere."""
+UNSURE_MM = 0.05
+"""Spread of the network's answers at which half of what is unexplained counts [mm]."""
+THINNER = (1.0, 0.35)
+"""Widths that a proposal starts with, relative to its ridge: a network widens thin lines, and keeps what is in them."""
+
+
+def grown(fit: ImageFit, lines: torch.Tensor, relief_mm: torch.Tensor, spread_mm: torch.Tensor, most: int) -> Fitted:
+    """Lines with those added that the image asks for, one at a time.
+
+    Args:
+        fit: judges.
+        lines: shape [L, 6] [mm].
+        relief_mm: of the network, shape [n, n] [mm].
+        spread_mm: of its answers, shape [n, n] [mm].
+        most: lines, at most.
+    """
+    best = Fitted(lines, fit.loss(fit.model.heights(lines)))
+    for _ in range(ROUNDS):
+        before, failed = best.loss, 0
+        for line in _promising(fit, best, relief_mm, spread_mm):
+            if len(best.lines) >= most:
+                return best
+            if failed == PATIENCE:
+                break
+            both = torch.cat([best.lines, line[None]])
+            if fit.loss(fit.model.heights(both)) > HOPELESS * best.loss:
+                continue  # another one has taken its place
+            found = fit.descend(both, ITERATIONS)
+            # The others have moved too: would they do without it?
+            without = fit.loss(fit.model.heights(found.lines[:-1]))
+            if found.loss < GAIN * min(best.loss, without):
+                best, failed = found, 0
+            else:
+                failed += 1
+        if best.loss == before:
+            break
+    return best
+
+
+def _promising(fit: ImageFit, best: Fitted, relief_mm: torch.Tensor, spread_mm: torch.Tensor) -> list[torch.Tensor]:
+    """Lines that may be missing, those first that explain the image best as they are."""
+    total = fit.model.heights(best.lines)
+    tried: list[tuple[float, int, torch.Tensor]] = []
+    for line in _proposals(fit.model, relief_mm - total, spread_mm):
+        if fit.report is not None:
+            fit.report(best.loss)
+        loss = fit.loss(total + fit.model.heights(line[None]))
+        tried.append((loss, len(tried), line))
+    return [line for _, _, line in sorted(tried)[:FOLLOWED]]
+
+
+def _proposals(model: LineModel, rest_mm: torch.Tensor, spread_mm: torch.Tensor) -> list[torch.Tensor]:
+    """Lines along what is unexplained, fitted to it; of several starts the best."""
+    size = model.scene.plate_size_m
+    sketch = LineModel(model.scene, model.profile, model.device, model.limits, SUPERSAMPLING)
+    view = rest_mm / (1 + (spread_mm / UNSURE_MM).square()).sqrt()
+    view = torch.where(view > LOWEST_MM, view, 0.0)
+    sigma = (spread_mm.square() + UNSURE_MM**2).sqrt()
+    found = []
+    for ridge in proposed_lines(view.double().cpu().numpy(), (1e3 * size[0], 1e3 * size[1]), RIDGES):
+        line, fits = torch.from_numpy(ridge), []
+        for factor in THINNER:
+            start = line * line.new_tensor([1, 1, 1, 1, factor, 1 / factor])
+            fitted, loss = fit_lines(sketch, model.clamped(start[None]), rest_mm, sigma, iterations=FITTING)
+            fits.append((loss, factor, fitted[0]))
+        found.append(min(fits)[2])
+    return found
+
+
+def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
+    """Lines without those that the image does not miss, the least first."""
+    parts = fit.model.parts(lines)[0]
+    current, kept = fit.loss(parts.sum(dim=0)), list(range(len(lines)))
+    for k in parts.flatten(1).sum(dim=1).argsort().tolist():
+        without = [j for j in kept if j != k]
+        loss = fit.loss(parts[without].sum(dim=0))
+        if loss < LOSS * current:
+            kept, current = without, loss
+    return Fitted(lines[kept], current)
