@@ -46,7 +46,8 @@ def choose(has_start: bool, has_folds: bool, refusal: str | None) -> Choice:
     if not has_folds:
         return Choice("refine", "the image shows no folds, and descent from flat finds weak reliefs exactly")
     if refusal is None:
-        return Choice("direct", "a trained network knows this scene")
+        why = "a trained network knows this scene (printed lines: --method fibres takes longer and is more exact)"
+        return Choice("direct", why)
     return Choice("transport+refine", f"no network can be used ({refusal})")
 
 

@@ -58,6 +58,7 @@ class Direct(Reconstructor):
         self.scene, self.options, self.device = scene, options or DirectOptions(), usable_device(device)
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
+        self.options = self.options.on(self.device.type)
         self.network = find_network("direct", scene, path=self.options.weights, device=self.device)
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)

@@ -65,8 +65,8 @@ class Iterated(Reconstructor):
     """
 
     def __init__(self, scene: Scene, options: IterationOptions, network: FoundNetwork, device: str | torch.device):
-        self.scene, self.options, self.network = scene, options, network
         self.device = usable_device(device)
+        self.scene, self.options, self.network = scene, options.on(self.device.type), network
         self.inner_scene = working_scene(scene, network.info.scene)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
         self.polish = Polish(scene, options, self.device)

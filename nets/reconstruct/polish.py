@@ -8,7 +8,7 @@ thrown away.
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import torch
 from pydantic import BaseModel, ConfigDict, Field
@@ -21,9 +21,8 @@ from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simul
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.scene import Scene
 
-DEFAULT_ITERATIONS = 60
-"""With the step below, on eight own fields of Tab. 3 with 1 % noise: mean RMSE 15.6 to 13.4 um, each field better.
-40 iterations of 3 um reach 14.3; 60 of 10 um spoil the best fields (2.1 to 2.8 um)."""
+DEFAULT_ITERATIONS = {"cpu": 60, "cuda": 180}
+"""By device, within the time that people wait for; 18 own fields keep improving to 480 (docs/learned.md)."""
 
 TRUSTED_M = 2e-6
 """Spread of the network's answers [m] at which half a step of the refinement is taken. Bare plate, which the network
@@ -39,13 +38,19 @@ class PolishOptions(BaseModel):
     """Weights file; None takes a shipped one that knows the scene."""
     refine: bool = True
     """Whether to refine the network's answer at all."""
-    refine_iterations: Annotated[int, Field(ge=1, le=10_000)] = DEFAULT_ITERATIONS
+    refine_iterations: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    """None: 60 on a CPU, 180 on a GPU."""
     refine_pixels: Annotated[int, Field(ge=2)] | None = None
     """Image size at which to refine; None: all pixels on a GPU, at most 2n on a CPU."""
-    refine_step_m: Annotated[float, Field(gt=0, le=1e-4, allow_inf_nan=False)] = 5e-6
+    refine_step_m: Annotated[float, Field(gt=0, le=1e-4, allow_inf_nan=False)] = 8e-6
     """First step [m]."""
     max_time_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Stop after this time [s] with the best relief so far."""
+
+    def on(self, device_type: str) -> Self:
+        """With the number of iterations for a device."""
+        iterations = self.refine_iterations or DEFAULT_ITERATIONS[device_type]
+        return self.model_copy(update={"refine_iterations": iterations})
 
     def pixels_on(self, device_type: str, scene: Scene) -> int:
         """``refine_pixels``, or what ``refine`` takes as its finest on a device."""
@@ -83,10 +88,10 @@ class Polish:
     """
 
     def __init__(self, scene: Scene, options: PolishOptions, device: torch.device):
-        self.scene, self.options, self.device = scene, options, device
+        self.scene, self.options, self.device = scene, options.on(device.type), device
         self.pixels = options.pixels_on(device.type, scene)
         level_sizes(scene.image_pixels, self.pixels, self.pixels)  # refuses a size that does not divide
-        wished = RefineOptions(max_iterations=options.refine_iterations, step_m=options.refine_step_m)
+        wished = RefineOptions(max_iterations=self.options.refine_iterations, step_m=options.refine_step_m)
         self.refine = wished.resolved("height", False, scene, device.type)
 
     @cached_property
@@ -118,7 +123,7 @@ class Polish:
         left = None if self.options.max_time_s is None else self.options.max_time_s - elapsed_s
         if left is not None and left <= 0:
             return None
-        record = DescentRecord(self.options.refine_iterations, progress, self.refine.discrepancy, left)
+        record = DescentRecord(self._descent.steps, progress, self.refine.discrepancy, left)
         before = resimulation(heights).residual
         measurement = measurement_at(image, self.scene, self.pixels, self.device, self.refine.border_pixels)
         reason: StopReason = "max_iterations"

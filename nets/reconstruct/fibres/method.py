@@ -67,6 +67,7 @@ class Fibres(Reconstructor):
         plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
+        self.options = self.options.on(self.device.type)
         self.polish = Polish(scene, plain, self.device)
         self.model = LineModel(scene, self.options.profile, self.device)
 

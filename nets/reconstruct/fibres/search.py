@@ -19,8 +19,8 @@ LAST = 15
 """Iterations on all pixels. They bring six own plates, printed with some noise and seen by a model camera, from errors
 of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of the image down to its noise."""
 
-LATER = 6
-"""Lines that may jump in rounds after the first."""
+FIRST, LATER = 12, 6
+"""Lines that may jump in the first round and in others, those with the worst misfit under them."""
 
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
@@ -127,7 +127,7 @@ class LineSearch:
                 best = pruned(fit, best.lines)
                 best = grown(fit, best.lines, self.answer.relief_mm, self.answer.spread_mm, self.answer.most)
                 self.lines = best.lines
-            moved, has_jumped = jump(fit, best.lines, None if number == 0 and rounds is None else LATER)
+            moved, has_jumped = jump(fit, best.lines, FIRST if number == 0 and rounds is None else LATER)
             if has_jumped or self.answer is not None:
                 found = fit.descend(moved, self.iterations)
                 best = found if found.loss < best.loss else best
