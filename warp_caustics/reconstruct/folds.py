@@ -9,8 +9,8 @@ FOLD_IRRADIANCE = 2.0
 """A caustic with pixels brighter than this multiple of the radiosity is taken to have folds."""
 
 BRIGHT_QUANTILE = 0.9999
-"""Pixels at this quantile tell: hot pixels are fewer. Three thick lines fold 0.4 % of their plate; taken for a weak
-relief they ended 3.9 mm wrong. Reliefs without a bright line descent finds exactly."""
+"""Pixels at this quantile tell: hot pixels are fewer. The two lines of a test field fold 0.4 % of its plate; taken for
+a weak relief they ended 3.9 mm wrong. Reliefs without a bright line descent finds exactly."""
 
 
 def has_folds(image: CausticImage, scene: Scene) -> bool:

@@ -88,14 +88,23 @@ def measurement_at(
     return Measurement(irradiance=mean.float(), weight=whole.float(), noise=noise)
 
 
-def simulator_at(scene: Scene, pixels: int, device: torch.device) -> CausticSimulator:
+def simulator_at(
+    scene: Scene, pixels: int, device: str | torch.device, photons_per_pixel: int | None = None
+) -> CausticSimulator:
     """Simulates what :func:`measurement_at` measures: so many pixels, in units of the radiosity.
 
     So that weights of an objective mean the same for dim and bright light.
+
+    Args:
+        scene: the set-up.
+        pixels: size of the image.
+        device: where to simulate.
+        photons_per_pixel: of the lattice; the preset's if None.
     """
     ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
     scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
-    return CausticSimulator(scene_at, "lattice", device=device)
+    photons = None if photons_per_pixel is None else photons_per_pixel * pixels**2
+    return CausticSimulator(scene_at, "lattice", n_photons=photons, device=device)
 
 
 def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:

@@ -5,9 +5,8 @@ import torch
 from nets.reconstruct.fibres.image_fit import BORDER
 from nets.reconstruct.fibres.search import FINE_PHOTONS_PER_PIXEL
 from warp_caustics.reconstruct.base import CausticImage, FloatArray
-from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 EXPLAINED = 1.5
 """Discrepancy below which nothing but noise is left: the true reliefs of six own plates have 1.00 to 1.23, those found
@@ -24,10 +23,7 @@ class Discrepancy:
     """
 
     def __init__(self, scene: Scene, image: CausticImage, device: str | torch.device):
-        ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
-        photons = FINE_PHOTONS_PER_PIXEL * scene.image_pixels**2
-        bright = scene.model_copy(update={"radiosity_W_m2": ones})
-        self.simulator = CausticSimulator(bright, "lattice", n_photons=photons, device=device)
+        self.simulator = simulator_at(scene, scene.image_pixels, device, FINE_PHOTONS_PER_PIXEL)
         self.measurement = measurement_at(image, scene, scene.image_pixels, self.simulator.device, BORDER)
 
     def __call__(self, heights_m: FloatArray) -> float | None:

@@ -14,9 +14,8 @@ import torch
 
 from data_gen.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,11 +68,8 @@ class ImageFit:
         photons_per_pixel: int = 16,
         report: Callable[[float], None] | None = None,
     ):
-        ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
-        scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
         self.model, self.width, self.report = model, width, report
-        photons = photons_per_pixel * pixels**2
-        self.simulator = CausticSimulator(scene_at, "lattice", n_photons=photons, device=model.device)
+        self.simulator = simulator_at(scene, pixels, model.device, photons_per_pixel)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER)
 
     def loss(self, heights_mm: torch.Tensor) -> float:
