@@ -145,6 +145,13 @@ class _Run:
             if best is candidates[0]:
                 fibres, counters["explained_by"] = None, "network"
             timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
+        counters["discrepancy"] = left = self.discrepancy(heights)
+        warnings = list(answer.warnings)
+        if left is not None and not is_explained(left):
+            warnings.append(
+                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
+                "which the difference of the images shows"
+            )
         result = finished(
             method.name,
             self.resimulation,
@@ -154,7 +161,7 @@ class _Run:
             timings=timings,
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
-            warnings=list(answer.warnings),
+            warnings=warnings,
             # Of the network: too large where lines explain the image.
             uncertainty=answer.uncertainty_m,
         )

@@ -116,6 +116,7 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering):
     assert result.fibres_m.shape == (3, 6) and result.method == "fibres"
     assert result.residual < result.counters["residual_of_network"]
     assert "refinement" not in result.counters, "nothing but noise is left"
+    assert result.counters["discrepancy"] == pytest.approx(1, abs=0.1) and not result.warnings
     heights = [entry["elapsed_s"] for entry in result.history]
     assert heights == sorted(heights)
 
@@ -147,6 +148,14 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
         assert counters["explained_by"] == min(both, key=both.get)
     assert counters["explained_by"] == ("network" if lumps else "fibres")
     assert (result.fibres_m is None) == bool(lumps) and "refinement" in counters
+
+
+def test_what_is_left_of_the_image_is_told(model, image, answering):
+    """One line too few may be used: more than noise is left."""
+    truth = 1e-3 * model.heights(LINES[:2]).double().numpy()
+    result = answering(truth, most_lines=2, jumps=1, max_iterations=10, refine_iterations=2).reconstruct(image)
+    assert result.counters["discrepancy"] > 2
+    assert any("times its noise" in warning for warning in result.warnings)
 
 
 def test_nothing_printed(answering):
