@@ -22,6 +22,7 @@ from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.image_fit import TimeUp
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.polish import Polish, outcome
 from nets.reconstruct.record import Resimulation, as_glass, finished
 from nets.reconstruct.uncertainty import DIRECT
@@ -162,10 +163,16 @@ class _Run:
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
-            # Of the network: too large where lines explain the image.
-            uncertainty=answer.uncertainty_m,
+            uncertainty=self._uncertainty(is_noise_left),
         )
         return dataclasses.replace(result, fibres_m=fibres)
+
+    def _uncertainty(self, is_noise_left: bool) -> FloatArray | None:
+        """That of the network, or of lines that leave nothing but noise, [m], shape [n, n]."""
+        network = self.answer.uncertainty_m
+        if network is None or not is_noise_left:
+            return network
+        return design_uncertainty(SPREADS / DIRECT.scale * network, EXPLAINED_LINES)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:

@@ -6,9 +6,11 @@ import torch
 
 import nets.reconstruct.direct as direct_module
 from data_gen.vectorise.model import LineModel
+from nets.reconstruct.direct import BATCH
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
+from nets.reconstruct.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -117,6 +119,7 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering):
     assert result.residual < result.counters["residual_of_network"]
     assert "refinement" not in result.counters, "nothing but noise is left"
     assert result.counters["discrepancy"] == pytest.approx(1, abs=0.1) and not result.warnings
+    assert result.uncertainty_m is None, "one answer has no spread"
     heights = [entry["elapsed_s"] for entry in result.history]
     assert heights == sorted(heights)
 
@@ -148,6 +151,20 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
         assert counters["explained_by"] == min(both, key=both.get)
     assert counters["explained_by"] == ("network" if lumps else "fibres")
     assert (result.fibres_m is None) == bool(lumps) and "refinement" in counters
+
+
+def test_lines_that_leave_only_noise_are_surer_than_the_network(model, image, monkeypatch, saved):
+    """Eight answers that are 20 um apart."""
+    truth = 1e-3 * model.heights(LINES)
+    generator = torch.Generator().manual_seed(3)
+    wrong = 2e-5 * torch.randn(8, N, N, generator=generator) * (truth > 1e-5)
+    copies = iter((seen_in(truth, all_symmetries(SCENE)) + wrong).split(BATCH["cpu"]))
+    monkeypatch.setattr(direct_module, "Replayed", lambda module: lambda images: next(copies))
+    result = create("fibres", SCENE, weights=saved("direct", scene=SCENE), refine_pixels=2 * N).reconstruct(image)
+    assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
+    sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
+    assert float(sigma.min()) == pytest.approx(0.3e-6) and 1e-6 < float(sigma.max()) < 1e-5
+    assert float(np.mean(error < 2 * sigma)) > 0.95
 
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):
