@@ -9,7 +9,7 @@ import torch
 
 from nets.encoding import flat_irradiance
 from warp_caustics.energy import energy_budget
-from warp_caustics.reconstruct.base import CausticImage, FloatArray, Reconstruction, StopReason
+from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, FloatArray, Reconstruction, StopReason
 from warp_caustics.reconstruct.pyramid import measurement_at
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -89,7 +89,7 @@ class Resimulation:
 def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:
     """Heights that leave some plate: a network may answer anything, the simulator wants glass."""
     finite: FloatArray = np.nan_to_num(heights.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.maximum(finite, -0.9 * scene.base_thickness_m)
+    return np.maximum(finite, -DEEPEST_FRACTION * scene.base_thickness_m)
 
 
 def finished(

@@ -10,6 +10,9 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
+DEEPEST_FRACTION = 0.9
+"""Of the plate's thickness is what a trench may be deep: a relief must leave some glass."""
+
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
 
 

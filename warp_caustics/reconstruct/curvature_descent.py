@@ -6,7 +6,7 @@ import numpy as np
 import scipy.optimize
 import torch
 
-from warp_caustics.reconstruct.base import FloatArray, StopReason
+from warp_caustics.reconstruct.base import DEEPEST_FRACTION, FloatArray, StopReason
 from warp_caustics.reconstruct.metric import CurvatureMetric
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import Evaluation, ReliefObjective
@@ -38,7 +38,7 @@ class CurvatureDescent:
         note: Callable[[Evaluation], None],
     ):
         self.objective, self.options, self.note = objective, options, note
-        self.lowest = -0.9 * scene.base_thickness_m
+        self.lowest = -DEEPEST_FRACTION * scene.base_thickness_m
         index = float(np.mean(scene.glass_indices))
         strength_m = (1 - 1 / index) * scene.base_thickness_m
         self.metric = CurvatureMetric(scene.height_samples, scene.plate_size_m, strength_m)

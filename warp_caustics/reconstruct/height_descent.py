@@ -14,7 +14,7 @@ import torch
 
 from warp_caustics.cuda_graph import recorded
 from warp_caustics.engine import MAX_GRAPH_PHOTONS
-from warp_caustics.reconstruct.base import FloatArray
+from warp_caustics.reconstruct.base import DEEPEST_FRACTION, FloatArray
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import Evaluation, ReliefObjective
@@ -27,8 +27,6 @@ UNRECORDED = 2
 """Steps before recording: the first loads kernels."""
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
-LOWEST_FRACTION = 0.9
-"""Of the plate's thickness is what a trench may be deep."""
 
 
 class HeightDescent:
@@ -44,7 +42,7 @@ class HeightDescent:
         assert options.step_m is not None
         self.simulator, self.options = simulator, options
         self.steps, device, n = options.max_iterations, simulator.device, simulator.scene.height_samples
-        self.lowest = -LOWEST_FRACTION * simulator.scene.base_thickness_m
+        self.lowest = -DEEPEST_FRACTION * simulator.scene.base_thickness_m
 
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(shape, dtype=torch.float64, device=device)
@@ -93,7 +91,13 @@ class HeightDescent:
         self.is_running.fill_(True)
         kept = None if self.objective is None else self.objective.measurement
         if kept is None or (kept.noise is None) != (measurement.noise is None):
-            self.objective, self.graph = ReliefObjective(self.simulator, measurement, self.options), None
+            # Its own: the next image is copied over it.
+            own = Measurement(
+                measurement.irradiance.clone(),
+                measurement.weight.clone(),
+                None if measurement.noise is None else measurement.noise.clone(),
+            )
+            self.objective, self.graph = ReliefObjective(self.simulator, own, self.options), None
             return
         # A recorded step reads the tensors that it was recorded with.
         kept.irradiance.copy_(measurement.irradiance)

@@ -23,6 +23,7 @@ import torch
 from warp_caustics.energy import energy_budget
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import (
+    DEEPEST_FRACTION,
     CausticImage,
     FloatArray,
     Progress,
@@ -208,7 +209,7 @@ class Sfc(Reconstructor):
         if options.data_term == "l1":
             step *= self._typical_residual(measurement, simulator, start.heights)
         if options.variant == "baseline":
-            return PlainUpdate(-0.9 * self.scene.base_thickness_m, MAX_RELIEF_M), step
+            return PlainUpdate(-DEEPEST_FRACTION * self.scene.base_thickness_m, MAX_RELIEF_M), step
         band = None
         if knowledge.volume_m3 is not None:
             band = VolumeBand(knowledge.volume_m3, options.volume_tolerance, options.volume_gain)

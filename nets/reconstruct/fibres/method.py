@@ -44,7 +44,7 @@ class FibresOptions(DirectOptions):
     profile: Profile = "cosine"
     """Of a line across."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
-    """Rounds of jumps, at most."""
+    """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
 
 

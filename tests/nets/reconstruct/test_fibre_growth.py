@@ -19,7 +19,7 @@ LINES = torch.tensor(
     [
         [-15.0, -12.0, 14.0, 9.0, 4.0, 0.7],
         [-9.0, 15.0, 10.0, -16.0, 3.2, 0.9],
-        # A sixth of a sample wide: the relief holds a blurred trace of it.
+        # Little more than half a sample wide: the relief holds a blurred trace of it.
         [-18.0, 10.0, 12.0, 18.0, 0.6, 1.5],
     ],
     dtype=torch.float64,
