@@ -6,9 +6,11 @@ version and field are not computed again.
 
     python -m benchmarks.learned noise     [--device cuda] [--json FILE] [--fields 10] [--own SEED]
     python -m benchmarks.learned exposure
-    python -m benchmarks.learned iterations --nsfc UPDATER DENOISER [--no-denoiser UPDATER]
+    python -m benchmarks.learned iterations [--iterations 10] [--nsfc UPDATER DENOISER] [--no-denoiser UPDATER]
                                             [--no-gradient UPDATER DENOISER]
     python -m benchmarks.learned time
+
+`iterations` takes the shipped networks where no files are given.
 """
 
 import argparse
@@ -40,6 +42,12 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "fibres": ("fibres", {}),
 }
 """Method and options by name."""
+UPDATERS: dict[str, dict[str, Any]] = {
+    "full": {},
+    "no denoiser": {"denoise": False},
+    "no gradient": {"use_gradient": False},
+}
+"""Options of ``nsfc`` by name: the paper's method and its ablations."""
 
 
 class Fields:
@@ -130,6 +138,7 @@ def iterations(fields: Fields, updaters: Mapping[str, dict[str, Any]], count: in
         errors = []
         for field in range(fields.count):
             result = method.reconstruct(fields.image(field, 0.01))
+            assert result.iterates_m is not None  # they were asked for
             errors.append([rmse_um(step, fields.heights[field], fields.scene) for step in result.iterates_m])
         yield name, np.array(errors)
 
@@ -176,14 +185,14 @@ def main() -> None:
     elif arguments.what == "time":
         times(fields, variants)
     else:
-        updaters: dict[str, dict[str, Any]] = {}
+        updaters = {name: dict(options) for name, options in UPDATERS.items()}
         if arguments.nsfc:
-            updaters["full"] = {"weights": arguments.nsfc[0], "denoiser_weights": arguments.nsfc[1]}
+            updaters["full"] |= {"weights": arguments.nsfc[0], "denoiser_weights": arguments.nsfc[1]}
         if arguments.no_denoiser:
-            updaters["no denoiser"] = {"weights": arguments.no_denoiser, "denoise": False}
+            updaters["no denoiser"] |= {"weights": arguments.no_denoiser}
         if arguments.no_gradient:
             weights, denoiser = arguments.no_gradient
-            updaters["no gradient"] = {"weights": weights, "denoiser_weights": denoiser, "use_gradient": False}
+            updaters["no gradient"] |= {"weights": weights, "denoiser_weights": denoiser}
         print(f"{'mean error [um] after':<22}" + "".join(f"{k:>7}" for k in range(arguments.iterations + 1)))
         for name, errors in iterations(fields, updaters, arguments.iterations):
             cells.get(f"iterations/{name}", lambda errors=errors: errors.tolist())

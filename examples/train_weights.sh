@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Trains every network of this project: the one that ships, and the paper's with its two ablations.
+# Trains every network that ships: this project's own, and the paper's with its two ablations.
 #
-#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 70 minutes on one H200
+#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 95 minutes on one H200
 #   ONLY="denoiser updater" examples/train_weights.sh OUT    some
 #
 # A run that is there already is continued, a finished one is left alone. Further arguments go to every `nsfc train`.
@@ -10,7 +10,7 @@ out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
 shift
 extra=("$@")
 nsfc=${NSFC:-nsfc}
-only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct}
+only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct}
 mkdir -p "$out"
 
 # train NAME KIND TIME OPTIONS...
@@ -42,22 +42,25 @@ without_gradient=(--preset paper-updater-no-gradient "${with_denoiser[@]}")
 train updater updater "${UPDATER_TIME:-420s}" "${updater[@]}" "${with_denoiser[@]}"
 train no-denoiser updater "${UPDATER_TIME:-420s}" "${updater[@]}"
 train no-gradient updater "${UPDATER_TIME:-420s}" "${updater[@]}" "${without_gradient[@]}"
-# And on, from their own answers and from flat.
+# And on, from their own answers and from flat: these ship.
 own=("${updater[@]}" --seed 1 --set training.learning_rate=0.0025 --set training.replay.own_share=0.7
     --set training.replay.flat_share=0.5 --set training.validation.count=32 --set training.steps_per_epoch=500)
 for name in updater no-denoiser no-gradient; do
     more=()
     [ $name = updater ] && more=("${with_denoiser[@]}")
     [ $name = no-gradient ] && more=("${without_gradient[@]}")
-    train own-$name updater "${OWN_TIME:-175s}" "${own[@]}" ${more[@]+"${more[@]}"} \
+    train own-$name updater "${OWN_TIME:-500s}" "${own[@]}" ${more[@]+"${more[@]}"} \
         --initial-weights "$out/$name/weights.safetensors"
 done
 
-# The network that ships: from the beginning, then twice from there with other samples.
+# This project's network: from the beginning, then three times from there with other samples.
 ours=(--batch-size 64 --precision bf16 --set training.replay.size=12288 --set training.replay.fresh_per_step=32
     --set training.compile=true --set training.patience=null --set training.exported=float16)
+again=("${ours[@]}" --set training.learning_rate=6e-4)
 train direct-first direct "${DIRECT_TIME:-1020s}" "${ours[@]}"
-train direct-second direct "${DIRECT_SECOND_TIME:-500s}" --seed 1 --set training.learning_rate=6e-4 "${ours[@]}" \
+train direct-second direct "${DIRECT_SECOND_TIME:-500s}" --seed 1 "${again[@]}" \
     --initial-weights "$out/direct-first/weights.safetensors"
-train direct direct "${DIRECT_THIRD_TIME:-450s}" --seed 2 --set training.learning_rate=6e-4 "${ours[@]}" \
+train direct-third direct "${DIRECT_THIRD_TIME:-450s}" --seed 2 "${again[@]}" \
     --initial-weights "$out/direct-second/weights.safetensors"
+train direct direct "${DIRECT_FOURTH_TIME:-500s}" --seed 3 "${again[@]}" \
+    --initial-weights "$out/direct-third/weights.safetensors"

@@ -18,6 +18,7 @@ from warp_caustics.reconstruct.base import DEEPEST_FRACTION, FloatArray
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.wavelengths_in_turn import WavelengthsInTurn, single_wavelengths
 from warp_caustics.simulator import CausticSimulator
 
 READ_EVERY = 10
@@ -35,9 +36,10 @@ class HeightDescent:
     Args:
         simulator: in units of the radiosity, at the pixels that count.
         options: resolved; weights, number and size of steps.
+        in_turn: whether each step looks at one wavelength only: a third of the time, where photons take it.
     """
 
-    def __init__(self, simulator: CausticSimulator, options: RefineOptions):
+    def __init__(self, simulator: CausticSimulator, options: RefineOptions, in_turn: bool = False):
         assert options.max_iterations is not None
         assert options.step_m is not None
         self.simulator, self.options = simulator, options
@@ -53,10 +55,11 @@ class HeightDescent:
         self.number = torch.zeros(1, dtype=torch.int64, device=device)
         self.log = zeros(self.steps, 3)
         self.rates = torch.tensor(_rates(self.steps, options.step_m), dtype=torch.float64, device=device)
-        self.objective: ReliefObjective | None = None
+        self.single = single_wavelengths(simulator) if in_turn else {}
+        self.objective: ReliefObjective | WavelengthsInTurn | None = None
         self.graph: torch.cuda.CUDAGraph | None = None
         is_small = simulator.n_photons <= MAX_GRAPH_PHOTONS
-        self.is_recorded = device.type == "cuda" and is_small
+        self.is_recorded = device.type == "cuda" and is_small and not in_turn
 
     def run(self, measurement: Measurement, heights: FloatArray, note: Callable[[Evaluation], None]) -> None:
         """Descend; the result is :meth:`best_heights`, also after an interruption.
@@ -89,6 +92,9 @@ class HeightDescent:
             state.zero_()
         self.best_objective.fill_(math.inf)
         self.is_running.fill_(True)
+        if self.single:
+            self.objective = WavelengthsInTurn(self.single, measurement, self.options)
+            return
         kept = None if self.objective is None else self.objective.measurement
         if kept is None or (kept.noise is None) != (measurement.noise is None):
             # Its own: the next image is copied over it.
