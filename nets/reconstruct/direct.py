@@ -84,18 +84,19 @@ class Direct(Reconstructor):
             check_initial(initial, self.scene)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         started = time.perf_counter()
-        resimulation = Resimulation(self.simulator, image)
-        answers, history, interrupted = self._answers(image, started, progress)
+        resimulation = Resimulation(self.simulator, image).exposed()
+        answers, history, interrupted = self._answers(resimulation.image, started, progress)
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
         heights = as_glass(mean, self.scene)
+        if not interrupted:
+            resimulation = resimulation.exposed(heights)
         spread = uncertainty(answers.double(), DIRECT)
         timings = {"network": time.perf_counter() - started}
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
         reason: StopReason = "interrupted" if interrupted else "converged"
         if self.options.refine and not interrupted:
             found = self.polish(
-                image,
                 resimulation,
                 heights,
                 timings["network"],

@@ -118,7 +118,7 @@ class Iterated(Reconstructor):
         timings = {"iteration": time.perf_counter() - started}
         warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(steps.history), refinement="off")
         if self.options.refine and reason == "max_iterations":
-            found = self.polish(image, resimulation, heights, timings["iteration"], progress)
+            found = self.polish(resimulation, heights, timings["iteration"], progress)
             if found is not None:
                 heights, reason = found.heights, found.reason
             counters["refinement"] = outcome(found)

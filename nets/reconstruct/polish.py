@@ -14,7 +14,7 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 
 from nets.reconstruct.record import Resimulation
-from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, StopReason
+from warp_caustics.reconstruct.base import FloatArray, ProgressCallback, StopReason
 from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
@@ -101,7 +101,6 @@ class Polish:
 
     def __call__(
         self,
-        image: CausticImage,
         resimulation: Resimulation,
         heights: FloatArray,
         elapsed_s: float,
@@ -113,8 +112,7 @@ class Polish:
         Ctrl-C ends it with the best so far.
 
         Args:
-            image: what was measured.
-            resimulation: judges by all pixels.
+            resimulation: of what was measured; judges by all pixels.
             heights: where to start [m], shape [n, n].
             elapsed_s: time already spent [s].
             progress: called after every step.
@@ -126,7 +124,9 @@ class Polish:
             return None
         record = DescentRecord(self._descent.steps, progress, self.refine.discrepancy, left)
         before = resimulation(heights).residual
-        measurement = measurement_at(image, self.scene, self.pixels, self.device, self.refine.border_pixels)
+        measurement = measurement_at(
+            resimulation.image, self.scene, self.pixels, self.device, self.refine.border_pixels
+        )
         reason: StopReason = "max_iterations"
         try:
             self._descent.run(measurement, heights, partial(record.note, f"{self.pixels} x {self.pixels} pixels"))

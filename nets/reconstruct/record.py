@@ -10,12 +10,16 @@ import torch
 from nets.encoding import flat_irradiance
 from warp_caustics.energy import energy_budget
 from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, FloatArray, Reconstruction, StopReason
+from warp_caustics.reconstruct.exposure import NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
 from warp_caustics.reconstruct.pyramid import measurement_at
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
 BAD_RESIDUAL = 0.4
 """Own fields of Tab. 3 end below 0.3; more means that the network does not know such images."""
+
+KNOWN_EXPOSURE = 0.05
+"""Deviations that networks are trained with."""
 
 _NEIGHBOURS = 5
 """Size of the square that stands in for pixels that do not count."""
@@ -58,14 +62,20 @@ class Resimulation:
     Args:
         simulator: of the measured scene.
         image: what was measured.
+        exposure: of the image, shape [n_w]; 1 if None.
+
+    Attributes:
+        image: what would have been measured at an exposure of 1.
     """
 
     REMEMBERED = 3
     """Reliefs whose caustic is kept: candidates are compared, then the best is reported."""
 
-    def __init__(self, simulator: CausticSimulator, image: CausticImage):
-        self.simulator = simulator
-        self.measurement = measurement_at(image, simulator.scene, simulator.scene.image_pixels, simulator.device)
+    def __init__(self, simulator: CausticSimulator, image: CausticImage, exposure: FloatArray | None = None):
+        self.simulator, self._given = simulator, image
+        self.exposure = np.ones(simulator.scene.n_wavelengths) if exposure is None else exposure
+        self.image = image if exposure is None else at_nominal(image, exposure)
+        self.measurement = measurement_at(self.image, simulator.scene, simulator.scene.image_pixels, simulator.device)
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
         self._known: list[tuple[FloatArray, Resimulated]] = []
@@ -80,6 +90,20 @@ class Resimulation:
             found = Resimulated(simulated, self.measurement.relative_residual(simulated / self._radiosity))
         self._known = [*self._known[1 - self.REMEMBERED :], (heights, found)]
         return found
+
+    def exposed(self, heights: FloatArray | None = None) -> "Resimulation":
+        """The same with the exposure that a relief's light tells.
+
+        Args:
+            heights: relief [m], shape [n, n]. None takes a flat plate, and only what networks do not know: they have
+                seen 5 %, and a relief may send more light than a flat plate beside the screen.
+        """
+        ratio = light_ratio(self.measurement)
+        if heights is not None:
+            ratio = agreed(light_ratio(self.measurement, self(heights).image / self._radiosity), ratio)
+        if not is_exposure(ratio, KNOWN_EXPOSURE if heights is None else NOTICED):
+            return self
+        return Resimulation(self.simulator, self._given, self.exposure * ratio)
 
     def relief(self, heights: FloatArray) -> torch.Tensor:
         """Heights as the simulator takes them."""
@@ -110,7 +134,7 @@ def finished(
 
     Args:
         method: its name.
-        resimulation: of the measured image.
+        resimulation: of the measured image; the result's is at its exposure.
         heights: result [m], shape [n, n].
         reason: why it ended.
         history: of iterations.
@@ -130,15 +154,20 @@ def finished(
             f"the result explains the image to {residual:.0%} only, printed reliefs as in training to better than "
             f"{BAD_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine",
         ]
+    told = warning(resimulation.exposure)
+    if told is not None and told not in warnings:
+        warnings = [*warnings, told]
     return Reconstruction(
         method=method,
         heights_m=heights,
-        image=simulated.cpu().numpy(),
+        image=simulated.cpu().numpy() * resimulation.exposure.astype(np.float32)[:, None, None],
         residual=residual,
         stop_reason=reason,
         history=history,
         timings_s=timings | {"resimulation": time.perf_counter() - started},
-        counters=counters | {"energy": energy_budget(simulator, resimulation.relief(heights))},
+        counters=counters
+        | {"exposure": resimulation.exposure.tolist()}
+        | {"energy": energy_budget(simulator, resimulation.relief(heights))},
         settings=settings | {"simulation": simulator.settings()},
         warnings=tuple(warnings),
         uncertainty_m=uncertainty,

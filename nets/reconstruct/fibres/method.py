@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
 
+import numpy as np
 import torch
 from pydantic import Field
 
@@ -103,8 +104,10 @@ class _Run:
         started: float,
         progress: ProgressCallback | None,
     ):
-        self.method, self.image, self.answer = method, image, answer
-        self.resimulation = Resimulation(method.network.simulator, image)
+        self.method, self.answer = method, answer
+        exposure = np.asarray(answer.counters["exposure"])
+        self.resimulation = Resimulation(method.network.simulator, image, exposure)
+        self.image = self.resimulation.image
         self.started, self.progress = started, progress
         self.history: list[dict[str, Any]] = list(answer.history)
         self.reason: StopReason = "converged"
@@ -225,7 +228,7 @@ class _Run:
         """A relief after the steps that ``direct`` ends with."""
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
         elapsed = time.perf_counter() - self.started
-        found = self.method.polish(self.image, self.resimulation, heights, elapsed, self.progress, spread)
+        found = self.method.polish(self.resimulation, heights, elapsed, self.progress, spread)
         better = heights if found is None else found.heights
         return _Refined(better, self.resimulation(better).residual, outcome(found))
 

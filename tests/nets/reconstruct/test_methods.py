@@ -106,8 +106,8 @@ def test_refinement_moves_only_where_the_network_is_unsure(scene, image, heights
     start = 0.9 * heights
     spread = np.zeros_like(heights)
     spread[:8] = 1e-3
-    found = polish(image, judge, start, 0.0, None, spread)
-    free = polish(image, judge, start, 0.0, None)
+    found = polish(judge, start, 0.0, None, spread)
+    free = polish(judge, start, 0.0, None)
     assert found.is_better and free.is_better
     np.testing.assert_array_equal(found.heights[8:], start[8:])
     np.testing.assert_allclose(found.heights[:8], free.heights[:8], rtol=1e-4, atol=1e-9)
@@ -217,3 +217,17 @@ def test_a_scene_that_hardly_differs_is_used_with_a_warning(saved, image):
     other = Scene(height_samples=16, image_pixels=64, exit_medium="glass")
     result = create("direct", other, weights=saved("direct"), refine=False).reconstruct(image)
     assert any("exit_medium is air there and glass here" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("exposure", [1.0, 0.93, 1.5])
+def test_exposure_is_divided_out(made, image, exposure):
+    """A lamp that is brighter or dimmer than when the flat frame was taken changes nothing but the image's scale."""
+    nominal = made("direct").reconstruct(image)
+    seen = dataclasses.replace(image, irradiance=exposure * image.irradiance)
+    found = made("direct").reconstruct(seen)
+    lost = nominal.counters["exposure"]
+    np.testing.assert_allclose(found.counters["exposure"], np.multiply(lost, exposure), rtol=2e-3)
+    np.testing.assert_allclose(found.heights_m, nominal.heights_m, atol=2e-6)
+    assert found.residual == pytest.approx(nominal.residual, rel=0.02)
+    np.testing.assert_allclose(found.image, exposure * nominal.image, rtol=0.02, atol=0.02)
+    assert any("of the light that this scene gives" in warning for warning in found.warnings) == (exposure != 1)
