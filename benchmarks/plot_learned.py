@@ -37,7 +37,7 @@ def main(source: Path, target: Path) -> None:
         errors_at = np.array(cells[f"iterations/{key}"]).T
         curves(iterations, np.arange(len(errors_at)), list(errors_at), name, colour)
     noise.set(xlabel="white noise [% of flat light], one of 1.8 % besides", ylabel="relief RMSE of ten fields [um]")
-    exposure.set(xlabel="exposure error [%], untold; 1 % of noise")
+    exposure.set(xlabel="exposure error [%], believed; 1 % of noise")
     iterations.set(xlabel="iterations of the paper's method, from flat")
     iterations.xaxis.set_major_locator(MultipleLocator(5))
     for axes in (noise, exposure, iterations):

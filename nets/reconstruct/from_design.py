@@ -195,9 +195,10 @@ class _Run:
         progress: ProgressCallback | None,
     ):
         self.method, self.scene, self.options = method, method.scene, method.options
-        self.image, self.nominal, self.lines, self.profile = image, nominal.astype(np.float64), lines, profile
-        self.progress = progress
-        self.misfit = MisfitMap(method.simulator, image)
+        self.nominal, self.lines, self.profile, self.progress = nominal.astype(np.float64), lines, profile, progress
+        self.resimulation = Resimulation(method.simulator, image).exposed(self.nominal)
+        self.image = self.resimulation.image
+        self.misfit = MisfitMap(method.simulator, self.image)
         self.model = LineModel(method.scene, profile, method.device, limits_around(lines, method.scene.plate_size_m))
         self.best: FloatArray = self.nominal
         self.spread: FloatArray | None = None
@@ -376,7 +377,7 @@ class _Run:
             sigma = disagreement(self.best, self.free)
         reconstruction = finished(
             FromDesign.name,
-            Resimulation(self.method.simulator, self.image),
+            self.resimulation,
             as_glass(self.best, self.scene),
             reason=reason,
             history=self.history,

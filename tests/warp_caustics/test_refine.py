@@ -137,6 +137,35 @@ def test_dim_light_gives_the_same_heights():
     np.testing.assert_allclose(*results, atol=1e-6)
 
 
+@pytest.mark.parametrize("exposure", [0.95, 1.03])
+def test_exposure_is_divided_out(exposure):
+    """A weak relief sends no light beside the screen, so all light together tells it."""
+    truth = bumps(40e-6)
+    image = caustic(truth)
+    seen = CausticImage(image.irradiance * np.float32(exposure))
+    nominal, found, believed = (
+        create("refine", SMALL, max_iterations=30, **options).reconstruct(given)
+        for given, options in ((image, {}), (seen, {}), (seen, {"exposure": "trust"}))
+    )
+    np.testing.assert_allclose(found.counters["exposure"], exposure, rtol=2e-4)
+    np.testing.assert_allclose(found.heights_m, nominal.heights_m, atol=1e-6)
+    np.testing.assert_allclose(found.image, exposure * nominal.image, atol=5e-3)
+    assert nominal.counters["exposure"] == [1, 1, 1]
+    assert [sum("divided out" in warning for warning in r.warnings) for r in (nominal, found, believed)] == [0, 1, 0]
+    assert errors(believed, truth)["rmse_um"] > 10 * errors(found, truth)["rmse_um"]
+
+
+def test_a_start_tells_the_exposure():
+    """Of a plate with folds, whose light the start sends where it goes."""
+    truth = bumps(600e-6)
+    image = caustic(truth)
+    seen = CausticImage(image.irradiance * np.float32([0.95, 1.0, 1.05])[:, None, None])
+    given = {"initial": 0.97 * truth}
+    nominal, found = (create("refine", SMALL, max_iterations=40).reconstruct(i, **given) for i in (image, seen))
+    np.testing.assert_allclose(found.counters["exposure"], [0.95, 1.0, 1.05], rtol=1e-3)
+    assert errors(found, truth)["rmse_um"] < 1.1 * errors(nominal, truth)["rmse_um"]
+
+
 def test_priors_keep_heights_above_the_plate():
     """Non-negativity leaves less below the plate than no prior does."""
     measured = caustic(bumps(1.5e-3))

@@ -28,6 +28,7 @@ from warp_caustics.reconstruct.base import (
 )
 from warp_caustics.reconstruct.curvature_descent import CurvatureDescent, anchored
 from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
+from warp_caustics.reconstruct.exposure import AGREED, NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
 from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.objective import Measurement
@@ -80,6 +81,9 @@ class Refine(Reconstructor):
         coarsest = min(options.coarsest_pixels, options.finest_pixels)
         sizes = level_sizes(self.scene.image_pixels, coarsest, options.finest_pixels)
         record = DescentRecord(options.max_iterations * len(sizes), progress, options.discrepancy, options.max_time_s)
+        exposure = self._exposure(image, None if is_flat else heights, options)
+        if exposure is not None:
+            image = at_nominal(image, exposure)
         reason: StopReason = "max_iterations"
         for k, size in enumerate(sizes):
             stage = f"level {k + 1} of {len(sizes)}, {size} x {size} pixels"
@@ -88,7 +92,25 @@ class Refine(Reconstructor):
             heights, reason = descend(measurement, size, heights, options, partial(record.note, stage))
             if reason in ("max_time", "interrupted"):
                 break
-        return self._result(image, heights, reason, options, record, sizes)
+        return self._result(image, heights, reason, options, record, sizes, exposure)
+
+    def _exposure(self, image: CausticImage, start: FloatArray | None, options: RefineOptions) -> FloatArray | None:
+        """By which to divide the image, shape [n_w]; None if by nothing.
+
+        Told by the start, else by a flat plate: exactly for a weak relief; one with folds may lose some light.
+        """
+        if options.exposure == "trust":
+            return None
+        measurement = measurement_at(image, self.scene, self.scene.image_pixels, self.device)
+        ratio, noticed = light_ratio(measurement), NOTICED
+        if start is not None:
+            simulator = simulator_at(self.scene, self.scene.image_pixels, self.device)
+            with torch.no_grad():
+                simulated = simulator(torch.tensor(start, dtype=torch.float32, device=self.device))
+            ratio = agreed(light_ratio(measurement, simulated), ratio)
+        elif options.metric == "height":
+            noticed = AGREED
+        return ratio if is_exposure(ratio, noticed) else None
 
     def _metric(self, image: CausticImage, is_flat: bool) -> Metric:
         if self.options.metric != "auto":
@@ -134,6 +156,7 @@ class Refine(Reconstructor):
         options: RefineOptions,
         record: DescentRecord,
         sizes: list[int],
+        exposure: FloatArray | None,
     ) -> Reconstruction:
         descent_s, started = record.elapsed_s, time.perf_counter()
         simulator = CausticSimulator(self.scene, "lattice", device=self.device)
@@ -143,7 +166,12 @@ class Refine(Reconstructor):
         with torch.no_grad():
             simulated = simulator(found)
             residual = measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
-        counters = {"evaluations": len(record.history), "energy": energy_budget(simulator, found)}
+        exposure = np.ones(self.scene.n_wavelengths) if exposure is None else exposure
+        counters = {
+            "evaluations": len(record.history),
+            "exposure": exposure.tolist(),
+            "energy": energy_budget(simulator, found),
+        }
         settings = options.model_dump() | {"levels": sizes, "simulation": simulator.settings()}
         timings = {"descent": descent_s, "resimulation": time.perf_counter() - started}
         warnings = []
@@ -151,10 +179,13 @@ class Refine(Reconstructor):
             warnings.append(
                 f"image binned to {sizes[-1]} pixels to save time; finest_pixels={self.scene.image_pixels} uses all"
             )
+        told = warning(exposure, NOTICED)
+        if told is not None:
+            warnings.append(f"{told}; --set reconstruction.options.exposure=trust explains it by the relief")
         return Reconstruction(
             method=self.name,
             heights_m=heights,
-            image=simulated.cpu().numpy(),
+            image=simulated.cpu().numpy() * exposure.astype(np.float32)[:, None, None],
             residual=residual,
             stop_reason=reason,
             history=record.history,

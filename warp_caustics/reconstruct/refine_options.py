@@ -8,6 +8,7 @@ from warp_caustics.reconstruct.objective import DataTerm
 from warp_caustics.scene import Scene
 
 Metric = Literal["auto", "curvature", "height"]
+Exposure = Literal["divide", "trust"]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -28,6 +29,9 @@ class RefineOptions(BaseModel):
     bare_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
     """At least this fraction of the plate is bare: its height, the median of the lowest such fraction, is
     zero. 0 leaves the mean height alone."""
+    exposure: Exposure = "divide"
+    """divide: all light together tells the exposure, which is divided out. Else 1 % of light too little is explained
+    by a bend of the whole plate of more than 1 mm, which spreads it beyond the window. trust: it is explained so."""
     coarsest_pixels: Annotated[int, Field(ge=2)] | None = None
     """Image size of the first pyramid level, at least: n/2 in the curvature metric, n in the height metric
     from flat, 2n from a given relief, which coarser levels would only blur."""

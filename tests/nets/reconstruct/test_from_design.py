@@ -82,11 +82,17 @@ def method():
 
 
 @pytest.mark.parametrize(
-    ("lines", "fit_lines", "kind", "largest_m"),
-    [(TWO, None, EXPLAINED_LINES, 5e-6), (TWO, False, LINES, 3e-5), ([], None, RELIEF, 3e-5)],
+    ("lines", "fit_lines", "kind", "largest_m", "exposure"),
+    [
+        (TWO, None, EXPLAINED_LINES, 5e-6, 1.0),
+        (TWO, None, EXPLAINED_LINES, 5e-6, 0.94),
+        (TWO, False, LINES, 3e-5, 1.0),
+        ([], None, RELIEF, 3e-5, 1.0),
+        ([], None, RELIEF, 3e-5, 1.06),
+    ],
 )
 def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(
-    method, simulator, lines, fit_lines, kind, largest_m
+    method, simulator, lines, fit_lines, kind, largest_m, exposure
 ):
     """The free answer sees that the second line is missing, and errs on the first, which the design knows."""
     answer = relief(TWO[0]).copy()
@@ -94,7 +100,10 @@ def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(
     spread = np.full((32, 32), 1e-6)
     spread[8:14, 2:7] = 5e-5
     method.free, method.options = Free(answer, spread), method.options.model_copy(update={"fit_lines": fit_lines})
-    found = method.reconstruct(image_of(relief(TWO[0]), simulator), relief(*TWO), lines)
+    image = image_of(relief(TWO[0]), simulator)
+    image = CausticImage(image.irradiance * np.float32(exposure), image.noise_std)
+    found = method.reconstruct(image, relief(*TWO), lines)
+    np.testing.assert_allclose(found.reconstruction.counters["exposure"], exposure, rtol=1e-3)
     heights = found.reconstruction.heights_m
     assert np.abs(heights - relief(TWO[0])).max() < largest_m
     assert len(found.lines) == len(lines)
