@@ -88,4 +88,4 @@ def test_what_is_no_exposure():
     assert not is_exposure(np.array([1.03, 0.97, 1.0]), 0.05)
     assert not is_exposure(np.array([200.0, 180.0, 190.0]))
     assert warning(np.array([1.0, 1.005, 1.0])) is None
-    assert "94.0%, 100.0%, 95.0%" in warning(np.array([0.94, 1.0, 0.95]))
+    assert "94.00%, 100.00%, 95.00%" in warning(np.array([0.94, 1.0, 0.95]))
