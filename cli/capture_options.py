@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.options import Command, integer
+from cli.options import Command, integer, number
 
 if TYPE_CHECKING:
     from warp_caustics.capture.settings import CaptureSettings
@@ -45,14 +45,20 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         default=None,
         help="Replace and mask pixels that lie. [default: with --corners or several exposures]",
     ),
+    click.option(
+        "--blur-px",
+        type=number,
+        metavar="NUMBER",
+        help="Blur of lens and sensor, standard deviation in pixels of the scene's image, to be divided out.",
+    ),
     click.option("--wavelength-order", metavar="NM,NM,...", help="Wavelength of each channel, e.g. 610,530,430."),
     click.option("--transfer", type=click.Choice(["linear", "srgb"]), help="Tone curve of an integer image."),
     click.option("--page", type=integer, help="Page of a TIFF with several, from 0."),
     click.option("--dataset", help="Array in an HDF5 or NPZ file. [default: image]"),
 )
 _NAMES = (
-    "capture", "dark", "flat", "corners", "distortion", "mixing", "mirrored", "hot_pixels", "wavelength_order",
-    "transfer", "page", "dataset",
+    "capture", "dark", "flat", "corners", "distortion", "mixing", "mirrored", "hot_pixels", "blur_px",
+    "wavelength_order", "transfer", "page", "dataset",
 )  # fmt: skip
 
 

@@ -36,6 +36,7 @@ from warp_caustics.capture.mixing import WARN_CONDITION, Mixing, unmixed
 from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.registration import Registration, check_in_photo
 from warp_caustics.capture.resample import MARGIN_PX, noise_factor, planned, to_window
+from warp_caustics.capture.sharpening import sharpen
 from warp_caustics.capture.stage import CaptureStage
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.channels import channel_order, in_nm
@@ -94,6 +95,7 @@ def capture_to_irradiance(
     registration: Registration | None = None,
     mixing: Mixing | None = None,
     hot_pixels: bool = False,
+    blur_px: float | None = None,
     is_dark_subtracted: bool = False,
     stages: Sequence[CaptureStage] = (),
 ) -> Capture:
@@ -116,6 +118,7 @@ def capture_to_irradiance(
         mixing: how camera channels see the wavelengths; channels are then unmixed, and their order is the matrix's.
         hot_pixels: look for pixels that stand out of the dark frame or of all their neighbours; they are replaced and
             masked.
+        blur_px: standard deviation of the blur of lens and sensor [pixels of the window], to be divided out.
         is_dark_subtracted: the image holds no offset any more; ``dark`` is for the flat field only.
         stages: what was done before, to go first on record.
 
@@ -178,9 +181,10 @@ def capture_to_irradiance(
         factor * estimate_noise_std(signal, level, mask)
         for signal, level, mask in zip(work.signal, work.level, work.mask, strict=True)
     ]
+    amplified = 1.0 if blur_px is None else sharpen(work, blur_px)
     return Capture(
         irradiance=work.signal.astype(np.float32),
-        noise_std=np.array(noise),
+        noise_std=amplified * np.array(noise),
         saturated_fraction=share if mixing is None else np.full(scene.n_wavelengths, share.max()),
         mask=work.mask,
         warnings=tuple(work.warnings),

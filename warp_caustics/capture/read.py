@@ -60,6 +60,7 @@ def read_capture(
         registration=registration,
         mixing=None if settings.mixing is None else read_mixing(settings.mixing),
         hot_pixels=by_default if settings.hot_pixels is None else settings.hot_pixels,
+        blur_px=settings.blur_px,
         is_dark_subtracted=merged is not None,
         stages=() if merged is None else (_merging(merged, settings),),
     )

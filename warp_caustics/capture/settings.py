@@ -63,6 +63,8 @@ class CaptureSettings(_Strict):
     """File with the mixing matrix of the colour filters; see capture/mixing.py."""
     hot_pixels: bool | None = None
     """Replace and mask pixels that lie; None: where the photo is registered or merged."""
+    blur_px: Annotated[float, Field(gt=0, le=3)] | None = None
+    """Standard deviation of the blur of lens and sensor, in pixels of the scene's image, to be divided out."""
     wavelength_order: str | None = None
     """Wavelength of each file channel [nm], for example ``610,530,430``."""
     transfer: Literal["linear", "srgb"] | None = None
