@@ -50,14 +50,31 @@ def test_flat_light_needs_no_simulation():
     np.testing.assert_allclose(ratio(seen(bump(4e-4), (0.9, 0.9, 0.9))), 0.9, rtol=2e-3)
 
 
-def test_masked_and_dark_pixels_do_not_count():
-    mask = np.ones((3, 64, 64), dtype=bool)
-    mask[:, 20:40, 20:40] = False
-    image = seen(bump(4e-4), (0.95, 0.95, 0.95), mask=mask)
-    image.irradiance[:, 20:40, 20:40] = 100.0
-    np.testing.assert_allclose(ratio(image, bump(4e-4)), 0.95, rtol=1e-6)
+def test_dark_wavelengths_and_single_masked_pixels_do_not_count():
+    image = seen(bump(4e-4), (0.95, 0.95, 0.95))
+    measurement = measurement_at(image, SCENE, 64, CPU)
+    assert measurement.weight.bool().all()
     image.irradiance[1] = 0.0
     np.testing.assert_allclose(ratio(image, bump(4e-4)), [0.95, 1.0, 0.95], rtol=1e-6)
+    large = SCENE.model_copy(update={"image_pixels": 256})
+    with torch.no_grad():
+        irradiance = 0.95 * CausticSimulator(large)(bump(4e-4)).numpy()
+    mask = np.ones(irradiance.shape, dtype=bool)
+    mask[:, 100, 100:104] = False
+    irradiance[~mask] = 100.0
+    found = light_ratio(measurement_at(CausticImage(irradiance, mask=mask), large, 256, CPU))
+    np.testing.assert_allclose(found, 0.95, rtol=2e-3)
+
+
+def test_saturated_lines_are_no_lack_of_light():
+    """They are masked, and with them more light than a flat plate sends there."""
+    image = seen(bump(8e-3))
+    bright = image.irradiance < np.quantile(image.irradiance, 0.98, axis=(1, 2), keepdims=True)
+    masked = CausticImage(image.irradiance, mask=bright)
+    share = image.irradiance[~bright].sum() / image.irradiance.sum()
+    assert share > 0.04 and (~bright).mean() < 0.021
+    np.testing.assert_array_equal(ratio(masked), 1.0)
+    np.testing.assert_array_equal(ratio(masked, bump(6e-3)), 1.0)
 
 
 def test_nominal_image():

@@ -79,6 +79,7 @@ def test_a_descent_arrives_as_with_all_at_once(scene):
         descent = HeightDescent(simulator, wished, in_turn)
         for target in (measured(bump(2e-4), scene), measurement):
             descent.run(target, start, lambda evaluation: None)
+        assert isinstance(descent.objective, WavelengthsInTurn) == in_turn
         left[in_turn] = float(judge(torch.tensor(descent.best_heights())).values[1])
     before = float(judge(torch.tensor(start)).values[1])
     assert left[False] < 0.3 * before

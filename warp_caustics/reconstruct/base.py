@@ -63,8 +63,9 @@ class Reconstruction:
     Attributes:
         method: name of the method.
         heights_m: recovered relief above the base [m], shape [n, n].
-        image: caustic of the recovered relief [W/m^2], shape [n_w, m, m].
-        residual: relative image residual ||image - measured|| / ||measured||.
+        image: caustic of the recovered relief [W/m^2], shape [n_w, m, m]; at the exposure of the measured one where
+            the method found that (``counters["exposure"]``).
+        residual: relative image residual ||image - measured|| / ||measured||, each wavelength in units of its light.
         stop_reason: why the method stopped.
         history: one entry per iteration: stage, iteration, residual, loss, elapsed_s.
         timings_s: wall time per part [s].

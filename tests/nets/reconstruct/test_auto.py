@@ -34,6 +34,9 @@ def test_table(has_start, folds, refusal, plan):
 def test_folds_are_seen(scene, image):
     assert has_folds(image, scene)
     assert not has_folds(CausticImage(np.ones_like(image.irradiance)), scene)
+    for exposure in (0.2, 3.0):  # of a lamp that is not what it was
+        assert has_folds(CausticImage(exposure * image.irradiance), scene)
+        assert not has_folds(CausticImage(exposure * np.ones_like(image.irradiance)), scene)
     dim = scene.model_copy(update={"radiosity_W_m2": (0.5, 0.5, 0.5)})
     assert has_folds(CausticImage(0.5 * image.irradiance), dim)
 
