@@ -8,10 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from data_gen.variety import PrintVariety
+
 MAX_LINES = 10_000
 MAX_LENGTH_M = 1.0
 MAX_SUPERSAMPLING = 64
 MAX_PICTURE_CELLS = 1_000_000
+MAX_MERGING_SUPERSAMPLING = 8
+"""With lines that merge each thread of the printing kernel keeps supersampling^2 sums."""
 
 
 def _check_interval(value: tuple[float, float]) -> tuple[float, float]:
@@ -97,6 +101,17 @@ class PrintedPattern(BaseModel):
     """Cross section: cosine is H/2 (1 + cos(2 pi r / w)), quarter H cos(pi r / w), r from the centre line."""
     supersampling: Annotated[int, Field(ge=1, le=MAX_SUPERSAMPLING)] = 4
     """A height sample is the mean of supersampling^2 points of its cell; 7.5 % of the lines are narrower."""
+    variety: PrintVariety | None = None
+    """How prints differ from one another in section, merging and bow; None for prints that are all as above."""
+
+    @model_validator(mode="after")
+    def _merging_fits(self) -> "PrintedPattern":
+        if self.variety is not None and self.variety.merging_share and self.supersampling > MAX_MERGING_SUPERSAMPLING:
+            raise ValueError(
+                f"supersampling {self.supersampling} with lines that merge; use {MAX_MERGING_SUPERSAMPLING} at most, "
+                "or variety.merging_share 0"
+            )
+        return self
 
     @model_validator(mode="after")
     def _perturbed_width(self) -> "PrintedPattern":

@@ -81,8 +81,14 @@ class DatasetConfig(_Strict):
         return range(first, min(first + self.samples_per_shard, self.n_samples))
 
     def canonical(self) -> dict[str, Any]:
-        """The configuration in plain types, with the generator's version."""
-        return {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json")}
+        """The configuration in plain types, with the generator's version.
+
+        Without ``reliefs.variety`` where there is none: data sets from before it keep their fingerprint.
+        """
+        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json")}
+        if tree["reliefs"]["variety"] is None:
+            del tree["reliefs"]["variety"]
+        return tree
 
     def fingerprint(self) -> str:
         """Hash of everything: two directories of the same fingerprint hold the same data set."""

@@ -6,28 +6,54 @@ from typing import Any, no_type_check
 import warp as wp
 
 
+@no_type_check
+@wp.func
+def section_height(section: wp.float32, exponent: wp.float32, distance: wp.float32, width: wp.float32):
+    """Height relative to the crown inside a line, variety.section_height in float32."""
+    if section < 0.5:
+        angle = 3.14159265358979 * distance / width
+        # Both profiles that need no power, as data sets had them before sections varied.
+        if exponent == 1.0:
+            return 0.5 * (1.0 + wp.cos(2.0 * angle))
+        if exponent == 0.5:
+            return wp.cos(angle)
+        return wp.pow(wp.max(wp.cos(angle), 0.0), 2.0 * exponent)
+    t = 2.0 * distance / width
+    if section < 1.5:
+        return wp.pow(wp.max(1.0 - t * t, 0.0), exponent)
+    k = 2.772588722239781 * exponent
+    edge = wp.exp(-k)
+    return (wp.exp(-k * t * t) - edge) / (1.0 - edge)
+
+
 @cache
-def stroke_kernel(is_quarter: bool) -> Any:
-    """Kernel ``print_strokes``; the profile is ``quarter`` or else ``cosine``."""
+def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
+    """Kernel ``print_strokes``; reliefs whose lines merge need ``can_merge``, and supersampling^2 sums per thread."""
+    points = supersampling * supersampling
+    sums_type = wp.types.vector(length=points if can_merge else 1, dtype=wp.float32)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
     def print_strokes(
         strokes: wp.array3d[wp.float32],
+        traits: wp.array2d[wp.float32],
         pitch_x: wp.float32,
         pitch_y: wp.float32,
         samples: wp.int32,
-        supersampling: wp.int32,
         # outputs
         heights: wp.array3d[wp.float32],
     ):
-        """Heights [B, n, n] [m] of strokes [B, L, 7] (patterns.STROKE_COLUMNS), averaged over each cell."""
+        """Heights [B, n, n] [m] of strokes [B, L, 7] (STROKE_COLUMNS) and traits [B, 6] (TRAIT_COLUMNS)."""
         b, i, j = wp.tid()
-        step_x = pitch_x / wp.float32(supersampling)
-        step_y = pitch_y / wp.float32(supersampling)
+        step_x = pitch_x / wp.float32(wp.static(supersampling))
+        step_y = pitch_y / wp.float32(wp.static(supersampling))
         corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch_x
         corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch_y
+        section = traits[b, 0]
+        exponent = traits[b, 1]
+        merging = traits[b, 2]
         total = wp.float32(0.0)
+        sums = sums_type()
         for k in range(strokes.shape[1]):
             height = strokes[b, k, 6]
             if height > 0.0:
@@ -41,13 +67,13 @@ def stroke_kernel(is_quarter: bool) -> Any:
                 along_y = y1 - y0
                 inverse = 1.0 / wp.max(along_x * along_x + along_y * along_y, 1.0e-20)
                 reach = 0.5 * (width + pitch_x + pitch_y)
-                for sub in range(-1, supersampling * supersampling):
+                for sub in range(-1, wp.static(points)):
                     # The first round is the cell's centre: most strokes pass far from it.
                     x = corner_x + 0.5 * pitch_x
                     y = corner_y + 0.5 * pitch_y
                     if sub >= 0:
-                        x = corner_x + (wp.float32(sub % supersampling) + 0.5) * step_x
-                        y = corner_y + (wp.float32(sub // supersampling) + 0.5) * step_y
+                        x = corner_x + (wp.float32(sub % wp.static(supersampling)) + 0.5) * step_x
+                        y = corner_y + (wp.float32(sub // wp.static(supersampling)) + 0.5) * step_y
                     from_x = x - x0
                     from_y = y - y0
                     distance = wp.float32(0.0)
@@ -62,12 +88,22 @@ def stroke_kernel(is_quarter: bool) -> Any:
                         if distance > reach:
                             break
                     elif distance < 0.5 * width:
-                        angle = 3.14159265358979 * distance / width
-                        if wp.static(is_quarter):
-                            total += height * wp.cos(angle)
+                        added = height * section_height(section, exponent, distance, width)
+                        if wp.static(can_merge):
+                            if merging > 1.0:
+                                # In millimetres, so that powers stay within float32.
+                                sums[sub] = sums[sub] + wp.pow(1000.0 * added, merging)
+                            else:
+                                total += added
                         else:
-                            total += 0.5 * height * (1.0 + wp.cos(2.0 * angle))
-        heights[b, i, j] = total / wp.float32(supersampling * supersampling)
+                            total += added
+        if wp.static(can_merge) and merging > 1.0:
+            for sub in range(wp.static(points)):
+                total += 0.001 * wp.pow(sums[sub], 1.0 / merging)
+        x = corner_x + 0.5 * pitch_x
+        y = corner_y + 0.5 * pitch_y
+        bow = traits[b, 3] * x * x + traits[b, 4] * x * y + traits[b, 5] * y * y
+        heights[b, i, j] = total / wp.float32(wp.static(points)) + bow
 
     return print_strokes
 

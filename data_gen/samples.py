@@ -14,7 +14,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes, padded, perturb_strokes
-from data_gen.reliefs import print_strokes
+from data_gen.reliefs import print_strokes, traits_of
 from data_gen.sampler import Field, SampleBatch, Sampler
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
@@ -42,7 +42,7 @@ class Reliefs:
 
     def true(self, ids: Sequence[int]) -> torch.Tensor:
         """Printed heights [m], shape [len(ids), n, n], float32."""
-        return self._printed([self._strokes(sample) for sample in ids])
+        return self._printed([self._strokes(sample) for sample in ids], ids)
 
     def perturbed(self, ids: Sequence[int]) -> tuple[torch.Tensor, dict[str, np.ndarray[Any, Any]]]:
         """Heights of the perturbed strokes [m], shape [len(ids), n, n], and how many strokes were clamped."""
@@ -53,14 +53,15 @@ class Reliefs:
         ]
         names = drawn[0][1] if drawn else {}
         counters = {name: np.array([count[name] for _, count in drawn], dtype=np.float64) for name in names}
-        return self._printed([strokes for strokes, _ in drawn]), counters
+        return self._printed([strokes for strokes, _ in drawn], ids), counters
 
     def _strokes(self, sample: int) -> np.ndarray[Any, Any]:
         return draw_strokes(self.config.reliefs, sample_generator(self.fingerprint, "relief", sample))
 
-    def _printed(self, strokes: list[np.ndarray[Any, Any]]) -> torch.Tensor:
+    def _printed(self, strokes: list[np.ndarray[Any, Any]], ids: Sequence[int]) -> torch.Tensor:
         batch = torch.from_numpy(padded(strokes)).to(self.device)
-        return print_strokes(batch, self.config.scene, self.config.reliefs)
+        traits = traits_of(self.config, self.fingerprint, ids)
+        return print_strokes(batch, self.config.scene, self.config.reliefs, traits)
 
 
 class Images:

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from data_gen.config import PatternConfig, ReliefConfig
 from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
+from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
 from nets.modern_config import Finite, Strict
 from warp_caustics.errors import InputError
@@ -51,10 +52,35 @@ class AugmentationConfig(Strict):
 
     symmetries: bool = True
     """One of the square's symmetries that the scene has, applied to plate and image together."""
-    noise: Annotated[Finite, Field(ge=0, le=1)] = 0.03
-    """Largest relative noise of an image; each has a level of its own, uniform from 0."""
+
+
+class CameraConfig(Strict):
+    """How far cameras are from perfect; each visit of a sample draws one, see ``camera.py``. 0 leaves an effect out."""
+
+    clean_share: Share = 1 / 3
+    """Of the visits see an image that is nearly clean: no more than exposure and ``clean_noise``."""
+    shift_px: Annotated[Finite, Field(ge=0, le=4)] = 0.6
+    """Largest shift of a channel against the middle one, any direction [px]."""
+    scale: Annotated[Finite, Field(ge=0, le=0.02)] = 0.0015
+    """Largest difference of a channel's magnification from the middle one's."""
+    blur_px: Annotated[Finite, Field(ge=0, le=2.5)] = 2.0
+    """Largest blur of a channel, a standard deviation [px]."""
+    unevenness: Annotated[Finite, Field(ge=0, le=0.5)] = 0.06
+    """Largest coefficient of light that is not even, relative."""
+    ambient: Annotated[Finite, Field(ge=0, le=0.5)] = 0.04
+    """Most light that is not from the lamp, relative to that of a flat plate."""
+    mixing: Annotated[Finite, Field(ge=0, le=0.3)] = 0.05
+    """Largest share of one channel's light in another's signal."""
     exposure: Annotated[Finite, Field(ge=0, lt=1)] = 0.05
     """Largest relative error of an image's brightness, uniform."""
+    gain: Annotated[Finite, Field(ge=0, lt=1)] = 0.03
+    """Largest relative error of a single channel's brightness, uniform."""
+    noise: Annotated[Finite, Field(ge=0, le=1)] = 0.1
+    """Largest relative noise of an image; the root of the level is uniform."""
+    clean_noise: Annotated[Finite, Field(ge=0, le=1)] = 0.03
+    """The same of images that are nearly clean; the level is uniform."""
+    correlation: Annotated[Finite, Field(ge=0, le=1)] = 0.4
+    """Largest weight of a neighbour's noise beside a pixel's own."""
 
 
 class ReplayConfig(Strict):
@@ -78,7 +104,7 @@ class ValidationConfig(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = VALIDATION_SEED
     """Selects them."""
     noise: Annotated[Finite, Field(ge=0, le=1)] = 0.01
-    """Relative noise of the images of ``direct`` and ``unrolled``."""
+    """Relative noise of the images of ``direct`` and ``unrolled`` that no camera has changed."""
 
 
 class StartShares(Strict):
@@ -196,6 +222,8 @@ class TrainingConfig(Strict):
     data_workers: Annotated[int, Field(ge=0, le=64)] | None = None
     """Processes that read files for each GPU; None for half of the cores, 2 to 8. None at all for fresh samples."""
     augmentation: AugmentationConfig = AugmentationConfig()
+    camera: CameraConfig | None = None
+    """Through which ``direct`` and ``unrolled`` see their images; None shows them as simulated."""
     replay: ReplayConfig = ReplayConfig()
     validation: ValidationConfig = ValidationConfig()
     unrolling: UnrollingConfig = UnrollingConfig()
@@ -228,6 +256,11 @@ class RunConfig(Strict):
             raise ValueError(
                 f"a network of kind {self.network.kind!r} cannot be trained as {self.kind!r}; "
                 f"use a preset such as {PRESETS_OF_KIND[self.kind][0]}"
+            )
+        if self.training.camera is not None and self.kind in ("denoiser", "updater"):
+            raise ValueError(
+                f"training.camera changes images, and those of a {self.kind} belong to another image or a gradient; "
+                "set it to null"
             )
         replayed = self.training.replay.size
         if replayed and self.data is not None:
@@ -269,10 +302,10 @@ _OURS = TrainingConfig(
     ema_decay=0.999,
     precision="bf16",
     patience=None,
+    camera=CameraConfig(),
 )
-# The supplement: Adam, stop after 3 epochs without progress, at least 5 epochs. A pair or a gradient that belongs to
-# an image admits no noise on that image afterwards.
-_PAPER = TrainingConfig(batch_size=8, augmentation=AugmentationConfig(symmetries=False, noise=0.0, exposure=0.0))
+# The supplement: Adam, stop after 3 epochs without progress, at least 5 epochs.
+_PAPER = TrainingConfig(batch_size=8, augmentation=AugmentationConfig(symmetries=False))
 
 
 def default_run(kind: TrainingKind, preset: str | None = None) -> dict[str, Any]:
@@ -290,7 +323,8 @@ def default_run(kind: TrainingKind, preset: str | None = None) -> dict[str, Any]
     if name not in names:
         raise InputError(f"preset {preset!r} is no {kind}; use one of {', '.join(names)}")
     network = PRESETS[name]
-    training = _OURS if kind in ("direct", "unrolled") else _PAPER
+    is_ours = kind in ("direct", "unrolled")
+    training, reliefs = (_OURS, ReliefConfig(variety=PrintVariety())) if is_ours else (_PAPER, ReliefConfig())
     # Simulated as `nsfc` will simulate; a target from many random photons has some noise, as a capture has.
     paper_photons = {"noisy": PAPER_NOISY, "clean": PAPER_CLEAN}
     changes: dict[str, Any] = dict(paper_photons) if kind in ("denoiser", "updater") else {}
@@ -300,7 +334,7 @@ def default_run(kind: TrainingKind, preset: str | None = None) -> dict[str, Any]
     return {
         "kind": kind,
         "scene": Scene().model_dump(mode="json"),
-        "reliefs": ReliefConfig().model_dump(mode="json"),
+        "reliefs": reliefs.model_dump(mode="json"),
         "network": network.model_dump(mode="json"),
         "training": training.model_copy(update=changes).model_dump(mode="json"),
         "data": None,

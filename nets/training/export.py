@@ -30,7 +30,11 @@ def export_weights(path: Path, network: nn.Module, config: RunConfig, training: 
         from nets.training.files import data_fingerprint
 
         fingerprint = data_fingerprint(config.data)
-    training = {**training, "config": config.training.model_dump(mode="json")}
+    training = {
+        **training,
+        "config": config.training.model_dump(mode="json"),
+        "reliefs": config.reliefs.model_dump(mode="json"),
+    }
     without_folders(training["config"])
     precision = config.training.exported
     save_weights(path, network, scene=config.scene, data_fingerprint=fingerprint, training=training, dtype=precision)

@@ -6,7 +6,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.patterns import draw_strokes, padded, perturb_strokes
-from data_gen.reliefs import print_strokes
+from data_gen.reliefs import print_strokes, traits_of
 
 AHEAD = 4
 """Batches drawn in advance."""
@@ -44,7 +44,8 @@ class StrokeStream:
             if coming not in self._waiting:
                 self._waiting[coming] = self._pool.submit(self._drawn, coming)
         pattern, scene = self.dataset.reliefs, self.dataset.scene
-        return [print_strokes(strokes.to(self.device, non_blocking=True), scene, pattern) for strokes in drawn]
+        traits, *sets = drawn
+        return [print_strokes(strokes.to(self.device, non_blocking=True), scene, pattern, traits) for strokes in sets]
 
     def close(self) -> None:
         """End the thread."""
@@ -52,6 +53,7 @@ class StrokeStream:
         self._waiting.clear()
 
     def _drawn(self, ids: range) -> list[torch.Tensor]:
+        """Traits, strokes and, where wanted, perturbed strokes."""
         pattern, key = self.dataset.reliefs, self.fingerprint
         true = [draw_strokes(pattern, sample_generator(key, "relief", sample)) for sample in ids]
         sets = [true]
@@ -62,5 +64,5 @@ class StrokeStream:
                     for strokes, sample in zip(true, ids, strict=True)
                 ]
             )
-        tensors = [torch.from_numpy(padded(strokes)) for strokes in sets]
+        tensors = [traits_of(self.dataset, key, ids), *(torch.from_numpy(padded(strokes)) for strokes in sets)]
         return [tensor.pin_memory() for tensor in tensors] if self.device.type == "cuda" else tensors

@@ -10,7 +10,8 @@ import torch
 from data_gen.samples import UpdaterSampler
 from nets.encoding import flat_irradiance
 from nets.glass import possible_heights
-from nets.training.augment import draw_symmetries, noisy, photographed, transformed
+from nets.training.augment import draw_symmetries, transformed
+from nets.training.camera import draw_cameras, noisy, seen
 from nets.training.clock import Stopwatch
 from nets.training.config import RunConfig
 from nets.training.keys import fresh_dataset, step_generator
@@ -87,14 +88,26 @@ class Common:
 
     def seen(self, image: torch.Tensor, step: int) -> torch.Tensor:
         """The image as a camera sees it."""
-        change = self.training.augmentation
-        return photographed(image, self.flat, change.noise, change.exposure, self.generator("camera", step))
+        return self._through_camera(image, self.generator("camera", step))
 
     def validation_image(self, batch: Batch, number: int) -> torch.Tensor:
         """The image of a validation batch with its noise, the same in every epoch and run."""
         validation = self.training.validation
         generator = step_generator(validation.seed, "noise", number, 0, self.device)
         return noisy(batch["image"], self.flat, validation.noise, generator)
+
+    def varied_validation_image(self, batch: Batch, number: int) -> torch.Tensor:
+        """The image of a validation batch through cameras like those of the training, the same in every epoch."""
+        if self.training.camera is None:
+            return self.validation_image(batch, number)
+        generator = step_generator(self.training.validation.seed, "camera", number, 0, self.device)
+        return self._through_camera(batch["image"], generator)
+
+    def _through_camera(self, image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        if self.training.camera is None:
+            return image
+        cameras = draw_cameras(self.training.camera, len(image), image.shape[1], generator)
+        return seen(image, self.flat, cameras, generator)
 
 
 def relief_measures(errors: list[torch.Tensor]) -> dict[str, float]:
@@ -201,15 +214,15 @@ class DirectTask(Common):
         return relief_loss(heights, batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight)
 
     def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
-        return relief_measures(
-            [
-                relief_rmse_um(model(self.validation_image(batch, number)), batch["heights"])
-                for number, batch in enumerate(batches)
-            ]
+        """Errors through cameras, which decide, and without."""
+        varied, perfect = (
+            [relief_rmse_um(model(image(batch, number)), batch["heights"]) for number, batch in enumerate(batches)]
+            for image in (self.varied_validation_image, self.validation_image)
         )
+        return {**relief_measures(varied), "val_perfect_rmse_um": float(torch.cat(perfect).mean())}
 
     def sample(self, model: Model, batch: Batch) -> Sample:
-        image = self.validation_image(batch, 0)[:1]
+        image = self.varied_validation_image(batch, 0)[:1]
         return Sample(image[0], batch["heights"][0], model(image)[0], is_height=True)
 
 

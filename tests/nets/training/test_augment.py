@@ -1,4 +1,4 @@
-"""Symmetries act on plate and image together; noise and exposure are what they say."""
+"""Symmetries act on plate and image together."""
 
 import pytest
 import torch
@@ -6,7 +6,7 @@ import torch
 from data_gen.config import ReliefConfig
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
-from nets.training.augment import draw_symmetries, noisy, photographed, scene_symmetries, transformed
+from nets.training.augment import draw_symmetries, scene_symmetries, transformed
 from nets.training.config import PhotonVariant
 from nets.training.imaging import Imager
 from nets.training.keys import step_generator
@@ -65,30 +65,3 @@ def test_only_symmetries_of_the_scene_are_drawn(changes, expected):
     drawn = draw_symmetries(200, scene, step_generator(0, "symmetries", 0, 0, CPU))
     assert tuple(bool(row.any()) for row in drawn) == expected
     assert not drawn.all()
-
-
-def test_augmentation_is_a_function_of_seed_and_step():
-    images, flat = torch.ones(3, 3, 8, 8), torch.ones(3, 1, 1)
-
-    def drawn(seed, step):
-        return photographed(images, flat, 0.03, 0.05, step_generator(seed, "camera", step, 0, CPU))
-
-    assert torch.equal(drawn(1, 5), drawn(1, 5))
-    assert not torch.equal(drawn(1, 5), drawn(1, 6))
-    assert not torch.equal(drawn(1, 5), drawn(2, 5))
-
-
-def test_noise_and_exposure_have_the_stated_size():
-    images, flat = torch.ones(400, 1, 32, 32), torch.ones(1, 1, 1)
-    seen = photographed(images, flat, 0.03, 0.05, step_generator(0, "camera", 0, 0, CPU))
-    brightness, level = seen.mean(dim=(1, 2, 3)), seen.std(dim=(1, 2, 3))
-    assert 0.94 < brightness.min() < 0.96 and 1.04 < brightness.max() < 1.06
-    assert level.max() < 0.033 and level.min() < 0.002 and abs(level.mean() - 0.015) < 0.003
-    fixed = noisy(4 * images, flat, 0.01, step_generator(0, "noise", 0, 0, CPU))
-    # Photon noise: twice as strong where it is four times as bright.
-    assert abs(fixed.std() - 0.02) < 1e-3
-
-
-def test_nothing_is_changed_when_all_is_off():
-    images = torch.rand(2, 3, 8, 8)
-    assert torch.equal(photographed(images, torch.ones(3, 1, 1), 0.0, 0.0, step_generator(0, "c", 0, 0, CPU)), images)

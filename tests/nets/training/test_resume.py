@@ -105,16 +105,20 @@ def forget_losses(state):
 FORGETTING = (forget_average, forget_optimiser, forget_step, forget_waiting, forget_best, forget_losses)
 
 
-def test_what_is_forgotten_is_caught(run_config, train, tmp_path, straight):
+def test_what_is_forgotten_is_caught(run_config, train, tmp_path):
+    """Two steps later, before a validation that finds a better network makes it forget by right what it waited."""
     train(run_config, tmp_path / "base", max_steps=5)
+    shutil.copytree(tmp_path / "base", tmp_path / "whole")
+    train(run_config, tmp_path / "whole", max_steps=7, resume=True)
+    whole = everything(tmp_path / "whole")
     for forget in FORGETTING:
         folder = tmp_path / forget.__name__
         shutil.copytree(tmp_path / "base", folder)
         state = load_checkpoint(folder / "checkpoints" / "last.ckpt")
         forget(state)
         save_checkpoint(folder / "checkpoints", state)
-        train(run_config, folder, resume=True)
-        assert differences_or_missing(everything(folder), straight), forget.__name__
+        train(run_config, folder, max_steps=7, resume=True)
+        assert differences_or_missing(everything(folder), whole), forget.__name__
 
 
 def differences_or_missing(a, b):

@@ -1,0 +1,149 @@
+"""How prints differ from one another: cross section, how lines merge, bow of the base. Drawn per relief.
+
+No source gives the section of a printed glass line, so a network must not rely on one. Three families, each with an
+exponent g; t = 2 r / w is 0 on the centre line and 1 at the edge:
+
+=========  =====================================================  ==========================================
+section    height / H                                             special cases
+=========  =====================================================  ==========================================
+cosine     cos(pi t / 2)^(2 g)                                    g = 1: raised cosine; 0.5: quarter cosine
+parabola   (1 - t^2)^g                                            g = 1: parabola; 0.5: ellipse
+gaussian   exp(-k t^2), less its value at t = 1, k = 4 ln 2 g     g = 1: half its height at t = 1/2, as the cosine
+=========  =====================================================  ==========================================
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+FloatArray = npt.NDArray[np.float64]
+
+Section = Literal["cosine", "parabola", "gaussian"]
+SECTIONS: tuple[Section, ...] = ("cosine", "parabola", "gaussian")
+"""In the order of their numbers in the kernel."""
+
+MAX_MERGING = 12.0
+"""Largest p: beyond, heights of 1 um to the p-th power are lost in float32, and two equal lines are 6 % high."""
+
+TRAIT_COLUMNS = ("section", "exponent", "merging", "bow_xx", "bow_xy", "bow_yy")
+"""Columns of a relief's traits; the bow is b = bow_xx x^2 + bow_xy x y + bow_yy y^2 [1/m]."""
+
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Exponent = Annotated[float, Field(ge=0.25, le=4, allow_inf_nan=False)]
+Merging = Annotated[float, Field(ge=1, le=MAX_MERGING, allow_inf_nan=False)]
+
+
+class PrintVariety(BaseModel):
+    """How much prints differ. Each relief draws its traits; those left out stay as the pattern says."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    section_share: Share = 0.6
+    """Of the reliefs have another section than the pattern's: one of three families, with g drawn."""
+    exponent: tuple[Exponent, Exponent] = (0.5, 1.6)
+    """g."""
+    merging_share: Share = 0.25
+    """Of the reliefs have lines that merge, (sum of h^p)^(1/p), and are not added up."""
+    merging: tuple[Merging, Merging] = (2.0, MAX_MERGING)
+    """p, its logarithm uniform: 1 adds lines up, much takes the highest."""
+    bow_share: Share = 1 / 3
+    """Of the reliefs have a base that is bowed."""
+    bow_m: Annotated[float, Field(ge=0, le=1e-3, allow_inf_nan=False)] = 30e-6
+    """Largest sag between the plate's centre and the middle of a side [m], uniform in both directions."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for name in ("exponent", "merging"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name}: lower end {low:g} is above upper end {high:g}; swap them")
+        return self
+
+
+@dataclass(frozen=True)
+class PrintTraits:
+    """What one print is like.
+
+    Attributes:
+        section: family of the cross section.
+        exponent: g.
+        merging: p of lines on top of each other; 1 adds them up.
+        bow: coefficients (xx, xy, yy) of the base's bow [1/m].
+    """
+
+    section: Section = "cosine"
+    exponent: float = 1.0
+    merging: float = 1.0
+    bow: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def row(self) -> tuple[float, ...]:
+        """As the kernel takes it, TRAIT_COLUMNS."""
+        return (float(SECTIONS.index(self.section)), self.exponent, self.merging, *self.bow)
+
+
+def plain_traits(profile: Literal["cosine", "quarter"]) -> PrintTraits:
+    """Of prints that do not vary: both profiles are cosines."""
+    return PrintTraits(exponent=1.0 if profile == "cosine" else 0.5)
+
+
+def draw_traits(
+    variety: PrintVariety, plain: PrintTraits, plate_size_m: tuple[float, float], rng: np.random.Generator
+) -> PrintTraits:
+    """Traits of one relief.
+
+    Args:
+        variety: what may differ.
+        plain: traits of a print that does not.
+        plate_size_m: extent along x and y [m].
+        rng: source of randomness; as many numbers are taken whatever comes out.
+    """
+    has_section, has_merging, has_bow = rng.random(3) < (
+        variety.section_share,
+        variety.merging_share,
+        variety.bow_share,
+    )
+    family, exponent = int(rng.integers(len(SECTIONS))), float(rng.uniform(*variety.exponent))
+    merging = float(np.exp(rng.uniform(*np.log(variety.merging))))
+    sag, across, angle = rng.uniform((-variety.bow_m, -1.0, 0.0), (variety.bow_m, 1.0, np.pi))
+    bow = (0.0, 0.0, 0.0)
+    if has_bow:
+        # A bowl, a saddle or a trough: sag along one direction, a part of it across.
+        c, s = np.cos(angle), np.sin(angle)
+        scale = 4 * sag / max(plate_size_m) ** 2
+        bow = (scale * (c**2 + across * s**2), scale * 2 * c * s * (1 - across), scale * (s**2 + across * c**2))
+    return PrintTraits(
+        SECTIONS[family] if has_section else plain.section,
+        exponent if has_section else plain.exponent,
+        merging if has_merging else plain.merging,
+        (float(bow[0]), float(bow[1]), float(bow[2])),
+    )
+
+
+def section_height(t: FloatArray, section: Section, exponent: float) -> FloatArray:
+    """Height of a section relative to its crown, any shape; 0 from the edge t = 1 on; see the table above.
+
+    Args:
+        t: distance from the centre line in units of half the width.
+        section: family.
+        exponent: g.
+    """
+    inside = np.clip(t, 0.0, 1.0)
+    if section == "cosine":
+        height = np.cos(np.pi / 2 * inside) ** (2 * exponent)
+    elif section == "parabola":
+        height = (1 - inside**2) ** exponent
+    else:
+        k = 4 * np.log(2) * exponent
+        height = (np.exp(-k * inside**2) - np.exp(-k)) / -np.expm1(-k)
+    return np.where(t < 1, height, 0.0)
+
+
+def merged(heights: FloatArray, merging: float) -> FloatArray:
+    """Lines on top of each other: (sum of h^p)^(1/p) over the first axis; p = 1 adds them up [m]."""
+    if merging == 1.0:
+        return np.asarray(heights.sum(axis=0))
+    highest = np.maximum(heights.max(axis=0), 1e-30)
+    return np.asarray(highest * ((heights / highest) ** merging).sum(axis=0) ** (1 / merging))

@@ -1,0 +1,198 @@
+"""Cameras of the training: nothing changes where nothing is off, and each effect is what it says."""
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import torch
+
+from data_gen.dataset_config import DatasetConfig
+from data_gen.samples import Reliefs
+from nets.training.camera import (
+    Camera,
+    blur_kernel,
+    draw_cameras,
+    noisy,
+    resampled,
+    resampling_matrix,
+    seen,
+    uneven_light,
+)
+from nets.training.config import CameraConfig, PhotonVariant
+from nets.training.imaging import Imager
+from nets.training.keys import step_generator
+from warp_caustics.scene import Scene
+
+SCENE = Scene(height_samples=16, image_pixels=64)
+CPU = torch.device("cpu")
+FLAT = torch.ones(3, 1, 1)
+NONE = {name: 0.0 for name in CameraConfig.model_fields}
+COUNT = 4000
+
+
+def rng(seed=0, purpose="camera"):
+    return step_generator(seed, purpose, 0, 0, CPU)
+
+
+def caustics(count=2):
+    config = DatasetConfig(kind="updater", n_samples=100, scene=SCENE)
+    return Imager(SCENE, PhotonVariant(), CPU)(Reliefs(config, "cpu").true(range(count)))
+
+
+def zeros(*shape):
+    return torch.zeros(*shape)
+
+
+def waves(pixels, period, shift_x=0.0, shift_y=0.0):
+    """A band-limited picture, displaced exactly, shape [1, 1, m, m]."""
+    along = torch.arange(pixels, dtype=torch.float64)
+    x, y = (along - shift_x)[None, :], (along - shift_y)[:, None]
+    picture = 1 + 0.3 * torch.sin(2 * np.pi * x / period) + 0.2 * torch.cos(2 * np.pi * (x + 2 * y) / (3 * period))
+    return picture.float()[None, None]
+
+
+def test_no_shift_no_scale_no_blur_is_no_change():
+    images = caustics()
+    same = resampled(images, zeros(2, 3, 2), zeros(2, 3), zeros(2, 3))
+    assert (same - images).abs().max() < 1e-6 * images.max()
+
+
+def test_a_camera_without_effects_changes_nothing():
+    images = caustics()
+    cameras = draw_cameras(CameraConfig(**NONE), 2, 3, rng())
+    assert (seen(images, FLAT, cameras, rng()) - images).abs().max() < 1e-6 * images.max()
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.0), (-0.3, 0.6), (1.0, -2.0)])
+def test_a_shift_displaces_without_softening(shift):
+    """A wave of six pixels keeps its height to 0.5 % at half a pixel, where linear interpolation loses 13 %."""
+    moved = resampled(waves(64, 6.0), torch.tensor([[shift]]), zeros(1, 1), zeros(1, 1))
+    expected = waves(64, 6.0, *shift)
+    inside = (slice(None), slice(None), slice(8, -8), slice(8, -8))
+    assert (moved - expected)[inside].abs().max() < 5e-3
+
+
+def test_a_scale_magnifies_about_the_middle():
+    pixels, scale = 64, 0.02
+    matrix = resampling_matrix(pixels, zeros(1), torch.tensor([scale]), zeros(1))[0]
+    found = matrix @ torch.arange(pixels, dtype=torch.float32)
+    along = torch.arange(pixels) - (pixels - 1) / 2
+    expected = along / (1 + scale) + (pixels - 1) / 2
+    # Eight taps of a sinc keep their place to 0.015 px.
+    assert (found - expected)[8:-8].abs().max() < 0.02
+
+
+@pytest.mark.parametrize("blur", [0.15, 0.5, 1.0, 1.6, 2.5])
+def test_the_blur_has_the_width_it_says(blur):
+    """Its variance is sigma^2, also far below a pixel."""
+    kernel = blur_kernel(torch.tensor([blur]))[0].double()
+    offset = torch.arange(len(kernel), dtype=torch.float64) - len(kernel) // 2
+    assert float(kernel.sum()) == pytest.approx(1.0, abs=1e-6)
+    # Read off the transfer function at a low frequency: tails of alternating sign would weigh in a second moment.
+    omega = 0.6
+    assert float((kernel * torch.cos(omega * offset)).sum()) == pytest.approx(
+        np.exp(-0.5 * (blur * omega) ** 2), abs=3e-3
+    )
+
+
+def test_blur_is_that_of_scipy():
+    images = caustics(1)
+    ours = resampled(images, zeros(1, 3, 2), zeros(1, 3), torch.full((1, 3), 1.4))[0, 1]
+    theirs = scipy.ndimage.gaussian_filter(images[0, 1].numpy().astype(np.float64), 1.4, mode="nearest", truncate=7)
+    assert np.abs(ours.numpy() - theirs).max() < 5e-3 * theirs.max()
+
+
+def test_light_is_kept():
+    """Shift, scale and blur move light about: all of it stays, but for what crosses the border."""
+    images = torch.nn.functional.pad(caustics(1), (16, 16, 16, 16))
+    changed = resampled(images, torch.full((1, 3, 2), 0.37), zeros(1, 3), torch.full((1, 3), 1.2))
+    assert changed.sum() == pytest.approx(float(images.sum()), rel=1e-4)
+    magnified = resampled(images, zeros(1, 3, 2), torch.full((1, 3), 0.0015), zeros(1, 3))
+    assert magnified.sum() == pytest.approx(float(images.sum()) * 1.0015**2, rel=1e-3)
+
+
+def test_an_even_field_stays_even():
+    images = torch.ones(1, 3, 32, 32)
+    changed = resampled(images, torch.full((1, 3, 2), 0.4), torch.full((1, 3), 0.01), torch.full((1, 3), 1.0))
+    assert (changed - 1).abs().max() < 1e-5
+
+
+def test_uneven_light_is_one_in_the_mean():
+    light = uneven_light(0.05 * (2 * torch.rand(4, 3, 5, generator=rng()) - 1), 64)
+    assert (light.mean(dim=(2, 3)) - 1).abs().max() < 1e-5 and light.std() > 0.01
+
+
+def test_each_range_is_reached_and_kept():
+    config = CameraConfig()
+    cameras = draw_cameras(config, COUNT, 3, rng())
+    distance = cameras.shift.norm(dim=2)
+    for values, largest in (
+        (distance, config.shift_px),
+        (cameras.scale.abs(), config.scale),
+        (cameras.blur, config.blur_px),
+        (cameras.ambient, config.ambient),
+        (cameras.light.abs().amax(dim=2), config.unevenness),
+        (cameras.noise, config.noise),
+        (cameras.correlation, config.correlation),
+    ):
+        assert 0.9 * largest < values.max() <= largest * (1 + 1e-6)
+    assert not cameras.shift[:, 1].any() and not cameras.scale[:, 1].any(), "the middle channel keeps its place"
+    angle = torch.atan2(cameras.shift[:, 0, 1], cameras.shift[:, 0, 0])[distance[:, 0] > 0]
+    assert all((angle.div(np.pi / 4).floor() == octant).float().mean() > 0.1 for octant in range(-4, 4))
+    # Red and blue go their own ways.
+    assert abs(np.corrcoef(cameras.shift[:, 0, 0], cameras.shift[:, 2, 0])[0, 1]) < 0.05
+    assert (cameras.power.min() < 0.02) and (cameras.power.max() > 0.98)
+
+
+def test_a_third_is_nearly_clean():
+    config = CameraConfig()
+    cameras = draw_cameras(config, COUNT, 3, rng())
+    clean = cameras.blur.sum(dim=1) == 0
+    assert abs(clean.float().mean() - 1 / 3) < 0.03
+    assert not cameras.shift[clean].any() and not cameras.ambient[clean].any() and not cameras.light[clean].any()
+    off = cameras.mixing[clean] - torch.diag_embed(torch.diagonal(cameras.mixing[clean], dim1=1, dim2=2))
+    assert not off.any()
+    assert cameras.noise[clean].max() <= config.clean_noise
+
+
+def test_the_same_step_sees_the_same_camera():
+    images = caustics()
+
+    def once(seed):
+        generator = rng(seed)
+        return seen(images, FLAT, draw_cameras(CameraConfig(), 2, 3, generator), generator)
+
+    assert torch.equal(once(1), once(1)) and not torch.equal(once(1), once(2))
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_noise_grows_with_the_signal_as_it_says(power):
+    count = 64
+    cameras = draw_cameras(CameraConfig(**NONE), count, 1, rng())._replace(
+        noise=torch.full((count,), 0.05), power=torch.full((count,), power), correlation=torch.full((count,), 0.4)
+    )
+    for level in (0.25, 4.0):
+        images = torch.full((count, 1, 32, 32), level)
+        noise = seen(images, FLAT[:1], cameras, rng()) - images
+        assert float(noise.std()) == pytest.approx(0.05 * level**power, rel=0.02)
+    neighbour = (noise * noise.roll(1, -1)).mean() / noise.square().mean()
+    assert float(neighbour) == pytest.approx(0.4 / (1 + 2 * 0.4**2), rel=0.05)
+
+
+def test_mixing_keeps_grey_and_blends_colours():
+    mixing = torch.tensor([[[0.95, 0.05, 0.0], [0.0, 1.0, 0.0], [0.0, 0.1, 0.9]]])
+    plain = draw_cameras(CameraConfig(**NONE), 1, 3, rng())
+    images = torch.tensor([1.0, 2.0, 3.0])[None, :, None, None].expand(1, 3, 8, 8)
+    found = seen(images, FLAT, plain._replace(mixing=mixing), rng())[0, :, 4, 4]
+    assert torch.allclose(found, torch.tensor([0.95 + 0.1, 2.0, 0.2 + 2.7]), atol=1e-6)
+
+
+def test_photon_noise_of_the_validation():
+    """Twice as strong where it is four times as bright."""
+    fixed = noisy(4 * torch.ones(400, 1, 32, 32), torch.ones(1, 1, 1), 0.01, rng(0, "noise"))
+    assert abs(fixed.std() - 0.02) < 1e-3
+
+
+def test_ranges_that_make_no_camera_are_refused():
+    with pytest.raises(ValueError, match="blur_px"):
+        CameraConfig(blur_px=3.0)
+    assert isinstance(draw_cameras(CameraConfig(), 1, 1, rng()), Camera), "one wavelength has no other to be apart from"
