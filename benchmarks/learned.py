@@ -100,9 +100,13 @@ class Cells:
         """The cell's value, computed if it is not held."""
         if key not in self.held:
             self.held[key] = compute()
-            if self.path is not None:
-                self.path.write_text(json.dumps(self.held, indent=1, sort_keys=True) + "\n")
+            self.save()
         return self.held[key]
+
+    def save(self) -> None:
+        """Write the file, if there is one."""
+        if self.path is not None:
+            self.path.write_text(json.dumps(self.held, indent=1, sort_keys=True) + "\n")
 
 
 def made(variant: str, fields: Fields) -> Reconstructor:
