@@ -8,7 +8,9 @@ import warp as wp
 
 @no_type_check
 @wp.func
-def section_height(section: wp.float32, exponent: wp.float32, distance: wp.float32, width: wp.float32):
+def section_height(
+    section: wp.float32, exponent: wp.float32, reach: wp.float32, distance: wp.float32, width: wp.float32
+):
     """Height relative to the crown inside a line, variety.section_height in float32."""
     if section < 0.5:
         angle = 3.14159265358979 * distance / width
@@ -22,7 +24,7 @@ def section_height(section: wp.float32, exponent: wp.float32, distance: wp.float
     if section < 1.5:
         return wp.pow(wp.max(1.0 - t * t, 0.0), exponent)
     k = 2.772588722239781 * exponent
-    edge = wp.exp(-k)
+    edge = wp.exp(-k * reach * reach)
     return (wp.exp(-k * t * t) - edge) / (1.0 - edge)
 
 
@@ -43,7 +45,7 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
         # outputs
         heights: wp.array3d[wp.float32],
     ):
-        """Heights [B, n, n] [m] of strokes [B, L, 7] (STROKE_COLUMNS) and traits [B, 6] (TRAIT_COLUMNS)."""
+        """Heights [B, n, n] [m] of strokes [B, L, 7] (STROKE_COLUMNS) and traits [B, 7] (TRAIT_COLUMNS)."""
         b, i, j = wp.tid()
         step_x = pitch_x / wp.float32(wp.static(supersampling))
         step_y = pitch_y / wp.float32(wp.static(supersampling))
@@ -51,7 +53,8 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
         corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch_y
         section = traits[b, 0]
         exponent = traits[b, 1]
-        merging = traits[b, 2]
+        ends = traits[b, 2]
+        merging = traits[b, 3]
         total = wp.float32(0.0)
         sums = sums_type()
         for k in range(strokes.shape[1]):
@@ -66,7 +69,7 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
                 along_x = x1 - x0
                 along_y = y1 - y0
                 inverse = 1.0 / wp.max(along_x * along_x + along_y * along_y, 1.0e-20)
-                reach = 0.5 * (width + pitch_x + pitch_y)
+                reach = 0.5 * (ends * width + pitch_x + pitch_y)
                 for sub in range(-1, wp.static(points)):
                     # The first round is the cell's centre: most strokes pass far from it.
                     x = corner_x + 0.5 * pitch_x
@@ -87,8 +90,8 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
                     if sub < 0:
                         if distance > reach:
                             break
-                    elif distance < 0.5 * width:
-                        added = height * section_height(section, exponent, distance, width)
+                    elif distance < 0.5 * ends * width:
+                        added = height * section_height(section, exponent, ends, distance, width)
                         if wp.static(can_merge):
                             if merging > 1.0:
                                 # In millimetres, so that powers stay within float32.
@@ -102,7 +105,7 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
                 total += 0.001 * wp.pow(sums[sub], 1.0 / merging)
         x = corner_x + 0.5 * pitch_x
         y = corner_y + 0.5 * pitch_y
-        bow = traits[b, 3] * x * x + traits[b, 4] * x * y + traits[b, 5] * y * y
+        bow = traits[b, 4] * x * x + traits[b, 5] * x * y + traits[b, 6] * y * y
         heights[b, i, j] = total / wp.float32(wp.static(points)) + bow
 
     return print_strokes

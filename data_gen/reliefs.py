@@ -20,7 +20,7 @@ from warp_caustics.scene import Scene
 
 
 def traits_of(dataset: DatasetConfig, fingerprint: str, samples: Sequence[int]) -> torch.Tensor:
-    """Traits of a data set's reliefs, shape [len(samples), 6] (TRAIT_COLUMNS), float32, on the CPU."""
+    """Traits of a data set's reliefs, shape [len(samples), 7] (TRAIT_COLUMNS), float32, on the CPU."""
     pattern, plate_size_m = dataset.reliefs, dataset.scene.plate_size_m
     plain, variety = plain_traits(pattern.profile), pattern.variety
     if variety is None:
@@ -43,7 +43,7 @@ def print_strokes(
             are cut off.
         scene: gives plate size and number of height samples n.
         pattern: gives the strokes' profile and the supersampling.
-        traits: of each print, shape [B, 6] (TRAIT_COLUMNS), float32; None prints all as the pattern says.
+        traits: of each print, shape [B, 7] (TRAIT_COLUMNS), float32; None prints all as the pattern says.
 
     Returns:
         Heights above the base [m], shape [B, n, n], float32, on the strokes' device.
@@ -113,7 +113,7 @@ def printed_relief(
             along_x, along_y = x1 - x0, y1 - y0
             nearest = np.clip((from_x * along_x + from_y * along_y) / max(along_x**2 + along_y**2, 1e-20), 0.0, 1.0)
             distance = np.hypot(from_x - nearest * along_x, from_y - nearest * along_y)
-        heights.append(height * section_height(2 * distance / width, traits.section, traits.exponent))
+        heights.append(height * section_height(2 * distance / width, traits.section, traits.exponent, traits.reach))
     relief = merged(np.stack(heights), traits.merging)
     relief = relief.reshape(samples, supersampling, samples, supersampling).mean(axis=(1, 3))
     x, y = (cell_centres(samples, length) for length in plate_size_m)

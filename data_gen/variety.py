@@ -1,14 +1,14 @@
 """How prints differ from one another: cross section, how lines merge, bow of the base. Drawn per relief.
 
 No source gives the section of a printed glass line, so a network must not rely on one. Three families, each with an
-exponent g; t = 2 r / w is 0 on the centre line and 1 at the edge:
+exponent g; t = 2 r / w is 0 on the centre line and 1 at the edge. Gaussian lines may have feet beyond, out to t = e:
 
 =========  =====================================================  ==========================================
 section    height / H                                             special cases
 =========  =====================================================  ==========================================
 cosine     cos(pi t / 2)^(2 g)                                    g = 1: raised cosine; 0.5: quarter cosine
 parabola   (1 - t^2)^g                                            g = 1: parabola; 0.5: ellipse
-gaussian   exp(-k t^2), less its value at t = 1, k = 4 ln 2 g     g = 1: half its height at t = 1/2, as the cosine
+gaussian   exp(-k t^2), less its value at t = e, k = 4 ln 2 g     g = 1: half its height at t = 1/2, as the cosine
 =========  =====================================================  ==========================================
 """
 
@@ -28,11 +28,12 @@ SECTIONS: tuple[Section, ...] = ("cosine", "parabola", "gaussian")
 MAX_MERGING = 12.0
 """Largest p: beyond, heights of 1 um to the p-th power are lost in float32, and two equal lines are 6 % high."""
 
-TRAIT_COLUMNS = ("section", "exponent", "merging", "bow_xx", "bow_xy", "bow_yy")
+TRAIT_COLUMNS = ("section", "exponent", "reach", "merging", "bow_xx", "bow_xy", "bow_yy")
 """Columns of a relief's traits; the bow is b = bow_xx x^2 + bow_xy x y + bow_yy y^2 [1/m]."""
 
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Exponent = Annotated[float, Field(ge=0.25, le=4, allow_inf_nan=False)]
+Reach = Annotated[float, Field(ge=1, le=3, allow_inf_nan=False)]
 Merging = Annotated[float, Field(ge=1, le=MAX_MERGING, allow_inf_nan=False)]
 
 
@@ -45,6 +46,8 @@ class PrintVariety(BaseModel):
     """Of the reliefs have another section than the pattern's: one of three families, with g drawn."""
     exponent: tuple[Exponent, Exponent] = (0.5, 1.6)
     """g."""
+    reach: tuple[Reach, Reach] = (1.0, 2.0)
+    """e: where the feet of a Gaussian line end, in halves of its width; the other sections end at 1."""
     merging_share: Share = 0.25
     """Of the reliefs have lines that merge, (sum of h^p)^(1/p), and are not added up."""
     merging: tuple[Merging, Merging] = (2.0, MAX_MERGING)
@@ -56,7 +59,7 @@ class PrintVariety(BaseModel):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        for name in ("exponent", "merging"):
+        for name in ("exponent", "reach", "merging"):
             low, high = getattr(self, name)
             if low > high:
                 raise ValueError(f"{name}: lower end {low:g} is above upper end {high:g}; swap them")
@@ -70,18 +73,20 @@ class PrintTraits:
     Attributes:
         section: family of the cross section.
         exponent: g.
+        reach: e, where the section ends, in halves of the width.
         merging: p of lines on top of each other; 1 adds them up.
         bow: coefficients (xx, xy, yy) of the base's bow [1/m].
     """
 
     section: Section = "cosine"
     exponent: float = 1.0
+    reach: float = 1.0
     merging: float = 1.0
     bow: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def row(self) -> tuple[float, ...]:
         """As the kernel takes it, TRAIT_COLUMNS."""
-        return (float(SECTIONS.index(self.section)), self.exponent, self.merging, *self.bow)
+        return (float(SECTIONS.index(self.section)), self.exponent, self.reach, self.merging, *self.bow)
 
 
 def plain_traits(profile: Literal["cosine", "quarter"]) -> PrintTraits:
@@ -106,6 +111,7 @@ def draw_traits(
         variety.bow_share,
     )
     family, exponent = int(rng.integers(len(SECTIONS))), float(rng.uniform(*variety.exponent))
+    reach = float(rng.uniform(*variety.reach))
     merging = float(np.exp(rng.uniform(*np.log(variety.merging))))
     sag, across, angle = rng.uniform((-variety.bow_m, -1.0, 0.0), (variety.bow_m, 1.0, np.pi))
     bow = (0.0, 0.0, 0.0)
@@ -117,28 +123,31 @@ def draw_traits(
     return PrintTraits(
         SECTIONS[family] if has_section else plain.section,
         exponent if has_section else plain.exponent,
+        reach if has_section and SECTIONS[family] == "gaussian" else plain.reach,
         merging if has_merging else plain.merging,
         (float(bow[0]), float(bow[1]), float(bow[2])),
     )
 
 
-def section_height(t: FloatArray, section: Section, exponent: float) -> FloatArray:
-    """Height of a section relative to its crown, any shape; 0 from the edge t = 1 on; see the table above.
+def section_height(t: FloatArray, section: Section, exponent: float, reach: float = 1.0) -> FloatArray:
+    """Height of a section relative to its crown, any shape; 0 from the edge on; see the table above.
 
     Args:
         t: distance from the centre line in units of half the width.
         section: family.
         exponent: g.
+        reach: e of a Gaussian; other sections end at t = 1.
     """
-    inside = np.clip(t, 0.0, 1.0)
+    inside = np.clip(t, 0.0, reach)
     if section == "cosine":
         height = np.cos(np.pi / 2 * inside) ** (2 * exponent)
     elif section == "parabola":
         height = (1 - inside**2) ** exponent
     else:
         k = 4 * np.log(2) * exponent
-        height = (np.exp(-k * inside**2) - np.exp(-k)) / -np.expm1(-k)
-    return np.where(t < 1, height, 0.0)
+        edge = np.exp(-k * reach**2)
+        height = (np.exp(-k * inside**2) - edge) / (1 - edge)
+    return np.where(t < reach, height, 0.0)
 
 
 def merged(heights: FloatArray, merging: float) -> FloatArray:

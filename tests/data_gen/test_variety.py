@@ -44,6 +44,15 @@ def test_sections_are_those_they_are_called():
         )
 
 
+def test_feet_of_a_gaussian_line_go_on_beyond_its_width():
+    """Out to e, where they meet the plate; within the width a long foot is the plain exponential."""
+    t = np.array([0.0, 0.5, 1.0, 1.9, 2.0])
+    height = section_height(t, "gaussian", 0.7, 2.0)
+    k = 4 * np.log(2) * 0.7
+    np.testing.assert_allclose(height[:4], np.exp(-k * t[:4] ** 2), atol=np.exp(-4 * k))
+    assert height[3] > 0 and height[4] == 0
+
+
 def test_merging_lies_between_sum_and_maximum():
     heights = np.array([[1e-3, 1e-3, 0.0], [1e-3, 2e-4, 0.0]])
     added, merging, highest = merged(heights, 1.0), merged(heights, 4.0), heights.max(axis=0)
@@ -56,7 +65,7 @@ def test_merging_lies_between_sum_and_maximum():
 @pytest.mark.parametrize("section", SECTIONS)
 def test_the_kernel_prints_what_the_oracle_prints(section, merging, exponent):
     """Within 0.05 um of reliefs of millimetres; 1 um where an ellipse stands upright at its edge, or p is 12."""
-    traits = PrintTraits(section, exponent, merging, (2e-2, -1e-2, 3e-2))
+    traits = PrintTraits(section, exponent, 1.7 if section == "gaussian" else 1.0, merging, (2e-2, -1e-2, 3e-2))
     row = torch.tensor([traits.row()], dtype=torch.float32)
     for config in (VARIED, RingsConfig(variety=PrintVariety())):
         strokes = draw_strokes(config, sample_generator("0" * 64, "relief", 3))
@@ -90,6 +99,9 @@ def test_shares_are_kept_and_samples_are_their_own():
     assert sum(t.merging > 1 for t in traits) / 3000 == pytest.approx(0.25, abs=0.03)
     assert sum(any(t.bow) for t in traits) / 3000 == pytest.approx(1 / 3, abs=0.03)
     assert {t.section for t in traits} == set(SECTIONS)
+    assert {t.reach for t in traits if t.section != "gaussian"} == {1.0}
+    feet = [t.reach for t in traits if t.section == "gaussian"]
+    assert 1.0 <= min(feet) < 1.05 and 1.95 < max(feet) <= 2.0
     exponents = [t.exponent for t in traits]
     assert min(exponents) < 0.52 and max(exponents) > 1.58
     dataset = DatasetConfig(kind="updater", n_samples=100, scene=SCENE, reliefs=VARIED)
