@@ -169,6 +169,8 @@ class TrainingConfig(Strict):
     """Pull of the weights towards 0."""
     clip_norm: Annotated[Finite, Field(gt=0, le=1e6)] | None = None
     """Longer gradients are shortened to this norm; None for never."""
+    clip_spikes: Annotated[Finite, Field(gt=1, le=1e6)] | None = None
+    """Gradients longer than this multiple of their running mean are shortened to it; None for never."""
     warmup_steps: Annotated[int, Field(ge=0, le=10**7)] = 0
     """Steps in which the learning rate rises from 0."""
     schedule: Literal["constant", "cosine"] = "constant"
@@ -297,6 +299,7 @@ _OURS = TrainingConfig(
     learning_rate=1e-3,
     weight_decay=0.01,
     clip_norm=1.0,
+    clip_spikes=4.0,
     warmup_steps=300,
     schedule="cosine",
     ema_decay=0.999,

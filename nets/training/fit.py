@@ -26,7 +26,7 @@ from nets.training.config import RunConfig
 from nets.training.early_stopping import EarlyStopping
 from nets.training.export import export_weights, load_initial_weights
 from nets.training.keys import step_seed
-from nets.training.optimisation import WeightAverage, make_optimiser
+from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
 from nets.training.pictures import write_sample
 from nets.training.precision import autocast
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult
@@ -131,6 +131,7 @@ class _Loop:
             torch.amp.GradScaler(device.type, enabled=training.precision == "16"),
             EarlyStopping(training.patience, training.min_epochs),
             torch.zeros((), device=device),
+            torch.zeros((), device=device),
         )
         if resume:
             self._restore()
@@ -226,9 +227,8 @@ class _Loop:
                 loss = self.task.loss(self._model, batch, number, 1.0 if share is None else share) / training.accumulate
                 self.fabric.backward(state.scaler.scale(loss))
             state.loss_sum += loss.detach()
-        if training.clip_norm is not None:
-            state.scaler.unscale_(state.optimiser)
-            torch.nn.utils.clip_grad_norm_(state.network.parameters(), training.clip_norm)
+        state.scaler.unscale_(state.optimiser)
+        clip_gradients(state.network, training, state.mean_norm)
         state.scaler.step(state.optimiser)
         state.scaler.update()
         state.optimiser.zero_grad(set_to_none=True)

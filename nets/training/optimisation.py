@@ -1,4 +1,4 @@
-"""Optimiser, learning rate over the run, and the running average of the weights."""
+"""Optimiser, gradients that are cut, learning rate over the run, and the running average of the weights."""
 
 import copy
 import math
@@ -19,6 +19,35 @@ def make_optimiser(network: nn.Module, config: TrainingConfig, device: torch.dev
     kind = torch.optim.AdamW if config.optimiser == "adamw" else torch.optim.Adam
     is_fused = device.type == "cuda"
     return kind([group for group in groups if group["params"]], lr=config.learning_rate, fused=is_fused)
+
+
+MEMORY = 0.02
+"""Share of the latest gradient in the running mean of their norms."""
+
+
+def clip_gradients(network: nn.Module, config: TrainingConfig, mean_norm: torch.Tensor) -> None:
+    """Shorten long gradients, without waiting for the device.
+
+    A batch whose gradient is many times longer than those before it moves Adam far: its second moments have not
+    seen such yet. One such step undid 2,000 others of ``direct`` (batches of 256, rate 1e-3, ``clip_norm`` 1, which
+    is far above what gradients usually are).
+
+    Args:
+        network: its gradients are changed in place.
+        config: gives ``clip_norm`` and ``clip_spikes``.
+        mean_norm: running mean of the norms, scalar, changed in place; 0 before the first.
+    """
+    gradients = [p.grad for p in network.parameters() if p.grad is not None]
+    if not gradients or (config.clip_norm is None and config.clip_spikes is None):
+        return
+    norm = torch.nn.utils.get_total_norm(gradients)
+    limit = torch.full_like(norm, config.clip_norm or math.inf)
+    if config.clip_spikes is not None:
+        limit = torch.where(mean_norm > 0, torch.minimum(limit, config.clip_spikes * mean_norm), limit)
+        seen = torch.where(norm.isfinite(), torch.minimum(norm, limit), mean_norm)
+        mean_norm.copy_(torch.where(mean_norm > 0, mean_norm + MEMORY * (seen - mean_norm), seen))
+    # Scaled by the limit, which is then a number that the host knows.
+    torch.nn.utils.clip_grads_with_norm_(network.parameters(), 1.0, norm / limit)
 
 
 def learning_rate(config: TrainingConfig, step: int, progress: float) -> float:

@@ -11,7 +11,7 @@ from nets.training.early_stopping import EarlyStopping
 from nets.training.optimisation import WeightAverage, learning_rate
 from warp_caustics.errors import MismatchError
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 
 
 @dataclass
@@ -28,6 +28,7 @@ class RunState:
         step: optimiser steps done.
         elapsed_s: training time of all commands.
         horizon_s: length of the run in seconds where the first command's --max-time defined it.
+        mean_norm: running mean of the gradients' norms, scalar tensor on the device; 0 before the first.
         loss_sum: of the steps since the last report, scalar tensor on the device.
         loss_count: their number.
         best_weights: averaged weights of the best validation, by name; empty before the first.
@@ -41,6 +42,7 @@ class RunState:
     average: WeightAverage
     scaler: torch.amp.GradScaler
     stopping: EarlyStopping
+    mean_norm: torch.Tensor
     loss_sum: torch.Tensor
     step: int = 0
     elapsed_s: float = 0.0
@@ -92,6 +94,7 @@ class RunState:
             "step": self.step,
             "elapsed_s": self.elapsed_s,
             "horizon_s": self.horizon_s,
+            "mean_norm": self.mean_norm.detach().clone(),
             "loss_sum": self.loss_sum.detach().clone(),
             "loss_count": self.loss_count,
             "best_weights": self.best_weights,
@@ -117,6 +120,7 @@ class RunState:
         self.stopping.restore(saved["stopping"])
         self.step, self.elapsed_s = int(saved["step"]), float(saved["elapsed_s"])
         self.horizon_s = saved["horizon_s"]
+        self.mean_norm.copy_(saved["mean_norm"])
         self.loss_sum.copy_(saved["loss_sum"])
         self.loss_count = int(saved["loss_count"])
         self.best_weights = {name: value.to(device) for name, value in saved["best_weights"].items()}

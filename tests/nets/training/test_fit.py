@@ -10,7 +10,7 @@ from nets.training.augment import transformed
 from nets.training.clock import Stopwatch
 from nets.training.config import UnrollingConfig
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
-from nets.training.optimisation import WeightAverage, learning_rate
+from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
 from nets.training.pictures import write_sample
 from nets.training.record import read_metrics
 from nets.training.sources import FreshSource
@@ -194,6 +194,28 @@ def test_steps_are_cut_off_from_each_other_unless_asked(tiny_run, through):
 )
 def test_the_number_of_steps_grows(progress, steps):
     assert unrolled_steps(UnrollingConfig(), progress) == steps
+
+
+def test_a_gradient_that_leaps_is_cut_to_what_is_usual(tiny_run):
+    """Four times the running mean; the mean follows slowly, and numbers that are none leave it alone."""
+    training = tiny_run("direct", clip_norm=1.0, clip_spikes=4.0).training
+    network, mean = torch.nn.Linear(3, 1, bias=False), torch.zeros(())
+
+    def clipped(norm):
+        network.weight.grad = torch.tensor([[norm, 0.0, 0.0]])
+        clip_gradients(network, training, mean)
+        return float(network.weight.grad.norm())
+
+    assert [clipped(0.01) for _ in range(3)] == pytest.approx([0.01] * 3)
+    assert clipped(0.9) == pytest.approx(0.04, rel=1e-3) and float(mean) == pytest.approx(0.01 * 1.06, rel=1e-3)
+    assert clipped(float("inf")) != clipped(0.01) and float(mean) < 0.011
+    for _ in range(500):
+        clipped(0.5)
+    assert clipped(0.5) == pytest.approx(0.5) and clipped(3.0) == pytest.approx(1.0), "clip_norm holds besides"
+    plain = training.model_copy(update={"clip_norm": None, "clip_spikes": None})
+    network.weight.grad = torch.full((1, 3), 7.0)
+    clip_gradients(network, plain, mean)
+    assert (network.weight.grad == 7.0).all()
 
 
 def test_learning_rate_over_a_run(tiny_run):

@@ -98,11 +98,23 @@ def forget_best(state):
     state["stopping"] = {**state["stopping"], "best": 1e-9}
 
 
+def forget_gradients(state):
+    state["mean_norm"] = torch.zeros(())
+
+
 def forget_losses(state):
     state["loss_sum"], state["loss_count"] = torch.zeros(()), 0
 
 
-FORGETTING = (forget_average, forget_optimiser, forget_step, forget_waiting, forget_best, forget_losses)
+FORGETTING = (
+    forget_average,
+    forget_optimiser,
+    forget_step,
+    forget_waiting,
+    forget_best,
+    forget_gradients,
+    forget_losses,
+)
 
 
 def test_what_is_forgotten_is_caught(run_config, train, tmp_path):
