@@ -15,10 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from nets.reconstruct.record import Resimulation
 from warp_caustics.reconstruct.base import FloatArray, ProgressCallback, StopReason
+from warp_caustics.reconstruct.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
+from warp_caustics.reconstruct.resampling import blur_matrices
 from warp_caustics.scene import Scene
 
 DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 180}
@@ -106,6 +108,7 @@ class Polish:
         elapsed_s: float,
         progress: ProgressCallback | None,
         spread: FloatArray | None = None,
+        camera: ChannelCamera | None = None,
     ) -> Polished | None:
         """Refine a relief; None where no time is left.
 
@@ -118,18 +121,22 @@ class Polish:
             progress: called after every step.
             spread: of the network's answers [m], shape [n, n]. Where it is small the network knows better than a
                 descent on a noisy image; None trusts the descent everywhere.
+            camera: that took the image; None looks for it, beside the caustic of ``heights``.
         """
         left = None if self.options.max_time_s is None else self.options.max_time_s - elapsed_s
         if left is not None and left <= 0:
             return None
         record = DescentRecord(self._descent.steps, progress, self.refine.discrepancy, left)
-        before = resimulation(heights).residual
-        measurement = measurement_at(
-            resimulation.image, self.scene, self.pixels, self.device, self.refine.border_pixels
-        )
+        if camera is None:
+            camera = resimulation.camera(heights)
+        judge = resimulation.through(camera)
+        before = judge(heights).residual
+        measurement = measurement_at(judge.image, self.scene, self.pixels, self.device, self.refine.border_pixels)
+        blur = blur_matrices(self.pixels, camera.blur_at(self.pixels), self.device) if camera.blurs else None
+        note = partial(record.note, f"{self.pixels} x {self.pixels} pixels")
         reason: StopReason = "max_iterations"
         try:
-            self._descent.run(measurement, heights, partial(record.note, f"{self.pixels} x {self.pixels} pixels"))
+            self._descent.run(measurement, heights, note, blur)
         except StopDescent as stop:
             reason = stop.reason
         except KeyboardInterrupt:
@@ -137,7 +144,7 @@ class Polish:
         found = self._descent.best_heights()
         if spread is not None:
             found = heights + (found - heights) * spread**2 / (spread**2 + TRUSTED_M**2)
-        is_better = resimulation(found).residual < before
+        is_better = judge(found).residual < before
         return Polished(found if is_better else heights, is_better, reason, record.history)
 
 
