@@ -57,7 +57,8 @@ class Resimulation:
         exposure: of the image, shape [n_w]; 1 if None.
 
     Attributes:
-        image: what would have been measured at an exposure of 1.
+        image: what would have been measured at an exposure of 1, by a camera whose channels lie together.
+        camera: that took the image; a perfect one unless :meth:`through` was told another.
     """
 
     REMEMBERED = 3
@@ -71,6 +72,7 @@ class Resimulation:
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
         self._known: list[tuple[FloatArray, torch.Tensor]] = []
+        self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
         self._blur: torch.Tensor | None = None
 
     def __call__(self, heights: FloatArray) -> Resimulated:
@@ -90,7 +92,7 @@ class Resimulation:
         self._known[:] = [*self._known[1 - self.REMEMBERED :], (heights, simulated)]
         return simulated
 
-    def camera(self, heights: FloatArray) -> ChannelCamera:
+    def found_camera(self, heights: FloatArray) -> ChannelCamera:
         """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n]."""
         return registered(self.measurement, self._simulated(heights) / self._radiosity)
 
@@ -104,7 +106,7 @@ class Resimulation:
         device = self.simulator.device
         image = channels_together(self.image, camera, device) if camera.displaces else self.image
         seen = Resimulation(self.simulator, image)
-        seen._known = self._known
+        seen.exposure, seen.camera, seen._known = self.exposure, camera, self._known
         if camera.blurs:
             seen._blur = blur_matrices(camera.pixels, camera.blur, device)
         return seen
@@ -152,7 +154,8 @@ def finished(
 
     Args:
         method: its name.
-        resimulation: of the measured image; the result's is at its exposure.
+        resimulation: of the measured image; the result's is at its exposure. Where it has a camera, the residual is
+            that of the caustic as the camera sees it; the stored caustic is that of the scene, sharp and together.
         heights: result [m], shape [n, n].
         reason: why it ended.
         history: of iterations.

@@ -39,6 +39,12 @@ class ChannelCamera:
         zero, one = np.zeros(channels), np.ones(channels)
         return cls(np.zeros((channels, 2)), zero, zero.copy(), one, zero.copy(), pixels)
 
+    @classmethod
+    def of_record(cls, record: dict[str, Any], pixels: int) -> Self:
+        """The camera that :attr:`record` was made of."""
+        keys = ("shift_px", "scale", "blur_px", "gain", "ambient")
+        return cls(*(np.asarray(record[key], dtype=np.float64) for key in keys), pixels)
+
     @property
     def displaces(self) -> bool:
         """Whether channels are to be moved onto the middle one."""
