@@ -43,7 +43,8 @@ class ChannelCamera:
     def of_record(cls, record: dict[str, Any], pixels: int) -> Self:
         """The camera that :attr:`record` was made of."""
         keys = ("shift_px", "scale", "blur_px", "gain", "ambient")
-        return cls(*(np.asarray(record[key], dtype=np.float64) for key in keys), pixels)
+        shift, scale, blur, gain, ambient = (np.asarray(record[key], dtype=np.float64) for key in keys)
+        return cls(shift, scale, blur, gain, ambient, pixels)
 
     @property
     def displaces(self) -> bool:
