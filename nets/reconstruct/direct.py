@@ -94,6 +94,10 @@ class Direct(Reconstructor):
         spread = uncertainty(answers.double(), DIRECT)
         timings = {"network": time.perf_counter() - started}
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
+        if not interrupted:
+            resimulation = resimulation.through(resimulation.found_camera(heights))
+            counters["camera"] = resimulation.camera.record
+            warnings += resimulation.camera.warnings(self._trained_shift_px)
         reason: StopReason = "interrupted" if interrupted else "converged"
         if self.options.refine and not interrupted:
             found = self.polish(
@@ -124,6 +128,13 @@ class Direct(Reconstructor):
             warnings=warnings,
             uncertainty=None if spread is None else spread.cpu().numpy(),
         )
+
+    @property
+    def _trained_shift_px(self) -> float | None:
+        """How far apart channels were in training [px]; None where the weights do not tell."""
+        camera = self.network.training.get("camera")
+        shift = camera.get("shift_px") if isinstance(camera, dict) else None
+        return None if shift is None else float(shift)
 
     def _answers(
         self, image: CausticImage, started: float, progress: ProgressCallback | None

@@ -118,6 +118,8 @@ class Iterated(Reconstructor):
         timings = {"iteration": time.perf_counter() - started}
         warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(steps.history), refinement="off")
         if self.options.refine and reason == "max_iterations":
+            resimulation = resimulation.through(resimulation.found_camera(heights))
+            counters["camera"] = resimulation.camera.record
             found = self.polish(resimulation, heights, timings["iteration"], progress)
             if found is not None:
                 heights, reason = found.heights, found.reason

@@ -4,14 +4,16 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.ndimage
 import torch
 
 from nets.encoding import flat_irradiance
 from warp_caustics.energy import energy_budget
 from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, FloatArray, Reconstruction, StopReason
+from warp_caustics.reconstruct.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.exposure import NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
 from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.registration import registered
+from warp_caustics.reconstruct.resampling import blur_matrices, blurred, channels_together, repaired
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -20,9 +22,6 @@ BAD_RESIDUAL = 0.4
 
 KNOWN_EXPOSURE = 0.05
 """Deviations that networks are trained with."""
-
-_NEIGHBOURS = 5
-"""Size of the square that stands in for pixels that do not count."""
 
 
 def network_image(image: CausticImage, scene: Scene, trained: Scene, device: torch.device) -> torch.Tensor:
@@ -36,14 +35,7 @@ def network_image(image: CausticImage, scene: Scene, trained: Scene, device: tor
         trained: scene of the network.
         device: where to put it.
     """
-    values = np.asarray(image.irradiance, dtype=np.float64)
-    if image.mask is not None and not image.mask.all():
-        counts = image.mask.astype(np.float64)
-        size = (1, _NEIGHBOURS, _NEIGHBOURS)
-        weight = scipy.ndimage.uniform_filter(counts, size)
-        mean = scipy.ndimage.uniform_filter(values * counts, size) / np.maximum(weight, 1e-9)
-        values = np.where(image.mask, values, np.maximum(values, mean))
-    measured = torch.as_tensor(values, dtype=torch.float32, device=device)
+    measured = torch.as_tensor(repaired(image), dtype=torch.float32, device=device)
     return measured * (flat_irradiance(trained) / flat_irradiance(scene)).to(device)
 
 
@@ -53,7 +45,7 @@ class Resimulated(NamedTuple):
     image: torch.Tensor
     """[W/m^2], shape [n_w, m, m]."""
     residual: float
-    """Relative, over the pixels that count."""
+    """Relative, over the pixels that count; of the caustic as the camera sees it, where there is one."""
 
 
 class Resimulation:
@@ -65,7 +57,8 @@ class Resimulation:
         exposure: of the image, shape [n_w]; 1 if None.
 
     Attributes:
-        image: what would have been measured at an exposure of 1.
+        image: what would have been measured at an exposure of 1, by a camera whose channels lie together.
+        camera: that took the image; a perfect one unless :meth:`through` was told another.
     """
 
     REMEMBERED = 3
@@ -78,18 +71,45 @@ class Resimulation:
         self.measurement = measurement_at(self.image, simulator.scene, simulator.scene.image_pixels, simulator.device)
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
-        self._known: list[tuple[FloatArray, Resimulated]] = []
+        self._known: list[tuple[FloatArray, torch.Tensor]] = []
+        self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+        self._blur: torch.Tensor | None = None
 
     def __call__(self, heights: FloatArray) -> Resimulated:
         """Of a relief [m], shape [n, n]; an array that was asked for lately is not simulated again."""
-        for known, found in self._known:
+        simulated = self._simulated(heights)
+        seen = simulated / self._radiosity
+        if self._blur is not None:
+            seen = blurred(seen, self._blur)
+        return Resimulated(simulated, self.measurement.relative_residual(seen))
+
+    def _simulated(self, heights: FloatArray) -> torch.Tensor:
+        for known, simulated in self._known:
             if known is heights:
-                return found
+                return simulated
         with torch.no_grad():
             simulated = self.simulator(self.relief(heights))
-            found = Resimulated(simulated, self.measurement.relative_residual(simulated / self._radiosity))
-        self._known = [*self._known[1 - self.REMEMBERED :], (heights, found)]
-        return found
+        self._known[:] = [*self._known[1 - self.REMEMBERED :], (heights, simulated)]
+        return simulated
+
+    def found_camera(self, heights: FloatArray) -> ChannelCamera:
+        """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n]."""
+        return registered(self.measurement, self._simulated(heights) / self._radiosity)
+
+    def through(self, camera: ChannelCamera) -> "Resimulation":
+        """The same with a camera: the image with its channels together, residuals of blurred caustics.
+
+        Its ``image`` has the channels together; the caustics that calls return stay those of the scene.
+        """
+        if camera.is_perfect:
+            return self
+        device = self.simulator.device
+        image = channels_together(self.image, camera, device) if camera.displaces else self.image
+        seen = Resimulation(self.simulator, image)
+        seen.exposure, seen.camera, seen._known = self.exposure, camera, self._known
+        if camera.blurs:
+            seen._blur = blur_matrices(camera.pixels, camera.blur, device)
+        return seen
 
     def exposed(self, heights: FloatArray | None = None) -> "Resimulation":
         """The same with the exposure that a relief's light tells.
@@ -134,7 +154,8 @@ def finished(
 
     Args:
         method: its name.
-        resimulation: of the measured image; the result's is at its exposure.
+        resimulation: of the measured image; the result's is at its exposure. Where it has a camera, the residual is
+            that of the caustic as the camera sees it; the stored caustic is that of the scene, sharp and together.
         heights: result [m], shape [n, n].
         reason: why it ended.
         history: of iterations.

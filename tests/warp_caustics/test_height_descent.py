@@ -11,6 +11,7 @@ from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.resampling import blur_matrices
 
 SCENE = Scene(height_samples=16, image_pixels=32)
 CPU = torch.device("cpu")
@@ -115,6 +116,42 @@ def test_a_second_image_owes_nothing_to_the_first(device, noises):
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-6 if device == "cpu" else 0.3)
     if device == "cpu":
         np.testing.assert_allclose(found[0][0], found[1][0], atol=1e-10)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("blurs", [(0.0, 1.0), (1.0, 0.0), (2.0, 0.7)])
+def test_a_second_camera_owes_nothing_to_the_first(device, blurs):
+    """Its blur is copied over the first one's, which a recorded step reads, or recorded anew."""
+
+    def matrices(blur):
+        return blur_matrices(32, np.full(3, blur), device) if blur else None
+
+    used, fresh, found = made(device, max_iterations=15), made(device, max_iterations=15), []
+    first = matrices(blurs[0])
+    kept = None if first is None else first.clone()
+    image = measured(image_of(bump(8e-5), device=device), device)
+    used.run(image, bump(1e-4), lambda evaluation: None, first)
+    for descent in (used, fresh):
+        notes = []
+        descent.run(image, bump(5e-5), notes.append, matrices(blurs[1]))
+        found.append([note.objective for note in notes])
+    assert kept is None or torch.equal(first, kept), "what is given stays what it is"
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6 if device == "cpu" else 0.3)
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-4)
+
+
+def test_the_gradient_goes_through_the_blur():
+    """Against differences of the objective along one direction."""
+    measurement = measured(image_of(bump(8e-4)))
+    options = RefineOptions(max_iterations=1).resolved("height", False, SCENE, "cuda")
+    blur = blur_matrices(32, np.array([0.5, 1.0, 2.0]), "cpu")
+    objective = ReliefObjective(simulator_at(SCENE, 32, CPU), measurement, options, blur)
+    heights, along, step = torch.tensor(bump(6e-4)), torch.tensor(bump(1.0)), 2e-6
+    slope = float((objective(heights).gradient * along).sum())
+    ahead, behind = (float(objective(heights + sign * step * along).values[0]) for sign in (1, -1))
+    assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.02)
+    sharp = ReliefObjective(objective.simulator, measurement, options)
+    assert float(sharp(heights).values[0]) != pytest.approx(float(objective(heights).values[0]), rel=0.05)
 
 
 def test_no_step_cuts_through_the_plate():

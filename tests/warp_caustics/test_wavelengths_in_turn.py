@@ -10,6 +10,7 @@ from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import ReliefObjective
+from warp_caustics.reconstruct.resampling import blur_matrices
 from warp_caustics.reconstruct.wavelengths_in_turn import WavelengthsInTurn, single_wavelengths
 
 SCENE = Scene(height_samples=16, image_pixels=32)
@@ -39,6 +40,17 @@ def test_the_first_look_is_at_all_wavelengths():
     torch.testing.assert_close(values[[0, 2]], expected[[0, 2]], rtol=1e-6, atol=0)
     assert float(values[1]) == pytest.approx(float(expected[1]), rel=0.02)  # norms of the three images differ
     torch.testing.assert_close(gradient, whole, rtol=1e-3, atol=1e-5 * float(whole.abs().max()))
+
+
+def test_each_wavelength_has_its_own_blur():
+    simulator, measurement = simulator_at(SCENE, 32, CPU), measured(bump(8e-5))
+    heights, blur = torch.tensor(bump(5e-5)), blur_matrices(32, np.array([0.0, 0.7, 2.0]), "cpu")
+    values, gradient = WavelengthsInTurn(single_wavelengths(simulator), measurement, options(), blur)(heights)
+    expected, whole = ReliefObjective(simulator, measurement, options(), blur)(heights)
+    torch.testing.assert_close(values[[0, 2]], expected[[0, 2]], rtol=1e-6, atol=0)
+    torch.testing.assert_close(gradient, whole, rtol=1e-3, atol=1e-5 * float(whole.abs().max()))
+    _, sharp = ReliefObjective(simulator, measurement, options())(heights)
+    assert float((gradient - sharp).abs().max()) > 0.01 * float(sharp.abs().max())
 
 
 def test_then_each_has_its_turn():

@@ -64,8 +64,10 @@ class Reconstruction:
         method: name of the method.
         heights_m: recovered relief above the base [m], shape [n, n].
         image: caustic of the recovered relief [W/m^2], shape [n_w, m, m]; at the exposure of the measured one where
-            the method found that (``counters["exposure"]``).
+            the method found that (``counters["exposure"]``). Never blurred, its channels never apart.
         residual: relative image residual ||image - measured|| / ||measured||, each wavelength in units of its light.
+            Where the method found a camera (``counters["camera"]``), the image is blurred as the measured one is, and
+            the measured channels are moved together.
         stop_reason: why the method stopped.
         history: one entry per iteration: stage, iteration, residual, loss, elapsed_s.
         timings_s: wall time per part [s].

@@ -61,15 +61,22 @@ class HeightDescent:
         is_small = simulator.n_photons <= MAX_GRAPH_PHOTONS
         self.is_recorded = device.type == "cuda" and is_small and not in_turn
 
-    def run(self, measurement: Measurement, heights: FloatArray, note: Callable[[Evaluation], None]) -> None:
+    def run(
+        self,
+        measurement: Measurement,
+        heights: FloatArray,
+        note: Callable[[Evaluation], None],
+        blur: torch.Tensor | None = None,
+    ) -> None:
         """Descend; the result is :meth:`best_heights`, also after an interruption.
 
         Args:
             measurement: what was seen, in the simulator's units and pixels.
             heights: where to start [m], shape [n, n].
             note: called for each step in order, late by some on a GPU; may raise.
+            blur: of the camera at these pixels, see :class:`ReliefObjective`.
         """
-        self._start(measurement, heights)
+        self._start(measurement, heights, blur)
         every = READ_EVERY if self.simulator.device.type == "cuda" else 1
         read = 0
         for number in range(self.steps):
@@ -84,7 +91,7 @@ class HeightDescent:
         found: FloatArray = self.best.cpu().numpy().copy()
         return found
 
-    def _start(self, measurement: Measurement, heights: FloatArray) -> None:
+    def _start(self, measurement: Measurement, heights: FloatArray, blur: torch.Tensor | None) -> None:
         start = torch.as_tensor(np.asarray(heights, dtype=np.float64))
         for state in (self.heights, self.best):
             state.copy_(start)
@@ -93,23 +100,27 @@ class HeightDescent:
         self.best_objective.fill_(math.inf)
         self.is_running.fill_(True)
         if self.single:
-            self.objective = WavelengthsInTurn(self.single, measurement, self.options)
+            self.objective = WavelengthsInTurn(self.single, measurement, self.options, blur)
             return
-        kept = None if self.objective is None else self.objective.measurement
-        if kept is None or (kept.noise is None) != (measurement.noise is None):
+        kept, kept_blur = (None, None) if self.objective is None else (self.objective.measurement, self.objective.blur)
+        is_same = kept is not None and (kept.noise is None) == (measurement.noise is None)
+        if kept is None or not is_same or (kept_blur is None) != (blur is None):
             # Its own: the next image is copied over it.
             own = Measurement(
                 measurement.irradiance.clone(),
                 measurement.weight.clone(),
                 None if measurement.noise is None else measurement.noise.clone(),
             )
-            self.objective, self.graph = ReliefObjective(self.simulator, own, self.options), None
+            own_blur = None if blur is None else blur.clone()
+            self.objective, self.graph = ReliefObjective(self.simulator, own, self.options, own_blur), None
             return
         # A recorded step reads the tensors that it was recorded with.
         kept.irradiance.copy_(measurement.irradiance)
         kept.weight.copy_(measurement.weight)
         if kept.noise is not None and measurement.noise is not None:
             kept.noise.copy_(measurement.noise)
+        if kept_blur is not None and blur is not None:
+            kept_blur.copy_(blur)
 
     def _advance(self, number: int) -> None:
         if not self.is_recorded or (number < min(UNRECORDED, self.steps) and self.graph is None):

@@ -7,6 +7,7 @@ import torch
 
 from warp_caustics.reconstruct.objective import Measurement, negativity, total_variation
 from warp_caustics.reconstruct.refine_options import RefineOptions
+from warp_caustics.reconstruct.resampling import blurred
 from warp_caustics.simulator import CausticSimulator
 
 
@@ -42,10 +43,18 @@ class ReliefObjective:
         simulator: in units of the radiosity, at the measurement's pixels.
         measurement: what was seen.
         options: weights.
+        blur: of the camera, matrices of shape [n_w, m, m], see :func:`.resampling.blur_matrices`;
+            None for none.
     """
 
-    def __init__(self, simulator: CausticSimulator, measurement: Measurement, options: RefineOptions):
-        self.simulator, self.measurement, self.options = simulator, measurement, options
+    def __init__(
+        self,
+        simulator: CausticSimulator,
+        measurement: Measurement,
+        options: RefineOptions,
+        blur: torch.Tensor | None = None,
+    ):
+        self.simulator, self.measurement, self.options, self.blur = simulator, measurement, options, blur
 
     def __call__(self, heights: torch.Tensor) -> EvaluationTensors:
         """At a relief above the base [m], shape [n, n], float64, on the device; above the bottom of the plate."""
@@ -54,7 +63,8 @@ class ReliefObjective:
         image = engine.image(relief).requires_grad_()
         leaf = relief[0].clone().requires_grad_()
         with torch.enable_grad():
-            objective = measurement.data_term(image[0], options.data_term, options.charbonnier_width)
+            seen = image[0] if self.blur is None else blurred(image[0], self.blur)
+            objective = measurement.data_term(seen, options.data_term, options.charbonnier_width)
             if options.total_variation:
                 slopes = total_variation(leaf, self.simulator.scene.sample_pitch_m)
                 objective = objective + options.total_variation * slopes
@@ -65,7 +75,8 @@ class ReliefObjective:
             gradient = engine.image_adjoint(relief, for_image.contiguous())[0]
             if for_leaf is not None:
                 gradient = gradient + for_leaf
-            residual = measurement.relative_residual_tensor(image[0])
+            seen = seen.detach()
+            residual = measurement.relative_residual_tensor(seen)
             known = measurement.noise is not None
-            noise = measurement.discrepancy_tensor(image[0]) if known else torch.full_like(residual, math.nan)
+            noise = measurement.discrepancy_tensor(seen) if known else torch.full_like(residual, math.nan)
         return EvaluationTensors(torch.stack((objective.detach().double(), residual, noise)), gradient.double())

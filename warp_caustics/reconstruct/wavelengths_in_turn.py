@@ -40,13 +40,25 @@ class WavelengthsInTurn:
         simulators: of single wavelengths, see :func:`single_wavelengths`.
         measurement: what was seen, of all wavelengths; one without pixels that count is never looked at.
         options: weights.
+        blur: of the camera, see :class:`ReliefObjective`.
     """
 
-    def __init__(self, simulators: Mapping[int, CausticSimulator], measurement: Measurement, options: RefineOptions):
-        self.measurement = measurement
+    def __init__(
+        self,
+        simulators: Mapping[int, CausticSimulator],
+        measurement: Measurement,
+        options: RefineOptions,
+        blur: torch.Tensor | None = None,
+    ):
+        self.measurement, self.blur = measurement, blur
         seen = [wavelength for wavelength in simulators if bool(measurement.weight[wavelength].any())]
         self.objectives = [
-            ReliefObjective(simulators[wavelength], _only(measurement, wavelength), options)
+            ReliefObjective(
+                simulators[wavelength],
+                _only(measurement, wavelength),
+                options,
+                None if blur is None else blur[wavelength : wavelength + 1],
+            )
             for wavelength in seen or simulators
         ]
         self.latest: torch.Tensor | None = None

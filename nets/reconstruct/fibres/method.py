@@ -36,6 +36,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
+from warp_caustics.reconstruct.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 
 
@@ -106,7 +107,9 @@ class _Run:
     ):
         self.method, self.answer = method, answer
         exposure = np.asarray(answer.counters["exposure"])
-        self.resimulation = Resimulation(method.network.simulator, image, exposure)
+        camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
+        # Lines are looked for in channels that lie together; blur is in the model where reliefs are refined and judged.
+        self.resimulation = Resimulation(method.network.simulator, image, exposure).through(camera)
         self.image = self.resimulation.image
         self.started, self.progress = started, progress
         self.history: list[dict[str, Any]] = list(answer.history)

@@ -1,0 +1,110 @@
+"""How a colour camera saw a caustic: where each channel lies, how blurred it is, and what its numbers mean."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from warp_caustics.reconstruct.base import FloatArray
+
+TOLD_PX = 0.1
+"""Channels further apart than this are worth a warning; perfect images show up to 0.01 px."""
+TOLD_BLUR_PX = 2.0
+"""Networks have seen blur up to this."""
+
+
+@dataclass(frozen=True)
+class ChannelCamera:
+    """Camera of one image; all zeros (and gains of 1) is one that shows each pixel as it is.
+
+    Attributes:
+        shift: of a channel's picture against the middle one's, towards larger x and y [px], shape [n_w, 2].
+        scale: its magnification about the middle of the image, less 1, shape [n_w].
+        blur: standard deviation of the PSF [px], shape [n_w].
+        gain: signal of the simulated light, shape [n_w]. Told, not undone: the exposure is found elsewhere.
+        ambient: light that is not the lamp's, in units of the radiosity, shape [n_w]. Told, not undone.
+        pixels: m, size of the image in which these pixels are counted.
+    """
+
+    shift: FloatArray
+    scale: FloatArray
+    blur: FloatArray
+    gain: FloatArray
+    ambient: FloatArray
+    pixels: int
+
+    @classmethod
+    def perfect(cls, channels: int, pixels: int) -> Self:
+        """The camera that changes nothing."""
+        zero, one = np.zeros(channels), np.ones(channels)
+        return cls(np.zeros((channels, 2)), zero, zero.copy(), one, zero.copy(), pixels)
+
+    @classmethod
+    def of_record(cls, record: dict[str, Any], pixels: int) -> Self:
+        """The camera that :attr:`record` was made of."""
+        keys = ("shift_px", "scale", "blur_px", "gain", "ambient")
+        shift, scale, blur, gain, ambient = (np.asarray(record[key], dtype=np.float64) for key in keys)
+        return cls(shift, scale, blur, gain, ambient, pixels)
+
+    @property
+    def displaces(self) -> bool:
+        """Whether channels are to be moved onto the middle one."""
+        return bool(np.any(self.shift) or np.any(self.scale))
+
+    @property
+    def blurs(self) -> bool:
+        """Whether simulated images are to be blurred."""
+        return bool(np.any(self.blur))
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether there is nothing to do."""
+        return not (self.displaces or self.blurs)
+
+    @property
+    def apart_px(self) -> FloatArray:
+        """Largest displacement of each channel [px], shape [n_w]: in the middle, or at a corner of the image."""
+        return displacement_px(self.shift, self.scale, self.pixels)
+
+    def blur_at(self, pixels: int) -> FloatArray:
+        """Blur in pixels of an image binned to pixels x pixels, shape [n_w]."""
+        return self.blur * (pixels / self.pixels)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """For a result's counters."""
+        return {
+            "shift_px": self.shift.tolist(),
+            "scale": self.scale.tolist(),
+            "blur_px": self.blur.tolist(),
+            "gain": self.gain.tolist(),
+            "ambient": self.ambient.tolist(),
+        }
+
+    def warnings(self, trained_px: float | None = None) -> list[str]:
+        """What the user should know, a line each.
+
+        Args:
+            trained_px: displacement that the network has seen [px]; None if that is not known.
+        """
+        told, apart = [], self.apart_px
+        worst = int(apart.argmax())
+        if apart[worst] > TOLD_PX:
+            known = "" if trained_px is None else f"; direct was trained for up to {trained_px:g} px"
+            told.append(
+                f"channel {worst} lies up to {apart[worst]:.2f} px beside the middle one (lateral colour of the "
+                f"camera?); undone for the refinement{known}"
+            )
+        blurred = int(self.blur.argmax())
+        if self.blur[blurred] > TOLD_BLUR_PX:
+            told.append(
+                f"channel {blurred} is blurred by {self.blur[blurred]:.1f} px (standard deviation), networks know up "
+                f"to {TOLD_BLUR_PX:g} px; focus, or bin the image"
+            )
+        return told
+
+
+def displacement_px(shift: FloatArray, scale: FloatArray, pixels: int) -> FloatArray:
+    """Largest displacement that shift [px] (shape [n_w, 2]) and scale make, shape [n_w]: middle or a corner."""
+    corner = np.abs(shift) + np.abs(scale)[:, None] * (pixels / 2)
+    return np.asarray(np.maximum(np.hypot(*shift.T), np.hypot(*corner.T)))
