@@ -19,7 +19,7 @@ from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
-from warp_caustics.reconstruct.resampling import blur_matrices
+from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 
 DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 180}

@@ -8,12 +8,13 @@ import torch
 
 from nets.encoding import flat_irradiance
 from warp_caustics.energy import energy_budget
+from warp_caustics.reconstruct.aligned_channels import channels_together, repaired
 from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, FloatArray, Reconstruction, StopReason
 from warp_caustics.reconstruct.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.channel_registration import registered
 from warp_caustics.reconstruct.exposure import NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
 from warp_caustics.reconstruct.pyramid import measurement_at
-from warp_caustics.reconstruct.registration import registered
-from warp_caustics.reconstruct.resampling import blur_matrices, blurred, channels_together, repaired
+from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 

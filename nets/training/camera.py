@@ -9,9 +9,6 @@ network that has only seen perfect ones. In the order in which light meets them:
 2. light that is uneven, to second order; light that is not from the lamp;
 3. channels that see each other's light, gains, exposure;
 4. noise of any power of the signal, weakly correlated between neighbours.
-
-Resampling is one product with banded matrices along x and along y. Their rows are a windowed sinc (Lanczos, eight
-taps), which shifts without softening, convolved with the blur.
 """
 
 import math
@@ -19,16 +16,12 @@ from typing import NamedTuple
 
 import torch
 
-from nets.training.config import CameraConfig
+from nets.training.config import LARGEST_BLUR_PX, CameraConfig
+from warp_caustics.resampling import blur_reach, resampled
 
-LANCZOS = 4
-"""Half width of the interpolating kernel [px]."""
-BLUR_REACH = 4.0
-"""Where the blur is cut, in standard deviations."""
 DARKEST = 1e-3
 """Relative irradiance below which noise no longer falls."""
-FREQUENCIES = 64
-"""At which the transfer function of a blur is sampled."""
+REACH = blur_reach(LARGEST_BLUR_PX)
 
 
 class Camera(NamedTuple):
@@ -115,7 +108,7 @@ def seen(images: torch.Tensor, flat: torch.Tensor, camera: Camera, generator: to
         camera: of each image.
         generator: of the noise, on the images' device.
     """
-    relative = resampled(images, camera.shift, camera.scale, camera.blur) / flat
+    relative = resampled(images, camera.shift, camera.scale, camera.blur, REACH) / flat
     relative = relative * uneven_light(camera.light, images.shape[-1]) + camera.ambient[:, :, None, None]
     signal = torch.einsum("bij,bjyx->biyx", camera.mixing, relative)
     return flat * (signal + _noise(signal, camera, generator))
@@ -129,66 +122,6 @@ def uneven_light(coefficients: torch.Tensor, pixels: int) -> torch.Tensor:
     one = torch.ones_like(along)
     basis = torch.stack((x * one[:, None], y * one, square * one[:, None], x * y, square[:, None] * one))  # [5, m, m]
     return 1 + torch.einsum("bck,kyx->bcyx", coefficients, basis)
-
-
-def resampled(images: torch.Tensor, shift: torch.Tensor, scale: torch.Tensor, blur: torch.Tensor) -> torch.Tensor:
-    """Images shifted, magnified about their middle and blurred; beyond its border a picture goes on as at the border.
-
-    Args:
-        images: shape [B, n_w, m, m].
-        shift: towards larger x and y [px], shape [B, n_w, 2].
-        scale: magnification less 1, shape [B, n_w].
-        blur: standard deviation [px], shape [B, n_w].
-    """
-    pixels = images.shape[-1]
-    along_x = resampling_matrix(pixels, shift[..., 0], scale, blur)
-    along_y = resampling_matrix(pixels, shift[..., 1], scale, blur)
-    return along_y @ images @ along_x.transpose(-1, -2)
-
-
-def resampling_matrix(pixels: int, shift: torch.Tensor, scale: torch.Tensor, blur: torch.Tensor) -> torch.Tensor:
-    """Rows that give each output pixel as a weighted sum of input pixels, shape [..., m, m]; each row sums to 1.
-
-    Args:
-        pixels: m.
-        shift: of the picture towards larger coordinates [px], any shape [...].
-        scale: magnification less 1, same shape.
-        blur: standard deviation [px], same shape.
-    """
-    device, middle = shift.device, (pixels - 1) / 2
-    row = torch.arange(pixels, device=device, dtype=torch.float32)
-    source = middle + (row - middle - shift[..., None]) / (1 + scale[..., None])  # [..., m]
-    first = source.floor()
-    near = torch.arange(1 - LANCZOS, LANCZOS + 1, device=device, dtype=torch.float32)  # [8]
-    distance = (source - first)[..., None] - near  # [..., m, 8]
-    weights = torch.sinc(distance) * torch.sinc(distance / LANCZOS)
-    weights = weights / weights.sum(dim=-1, keepdim=True)
-    kernel = blur_kernel(blur)  # [..., 2 r + 1]
-    reach, taps = kernel.shape[-1] // 2, len(near)
-    wide = torch.zeros(*weights.shape[:-1], taps + 2 * reach, device=device)
-    for k in range(taps):
-        wide[..., k : k + 2 * reach + 1] += weights[..., k : k + 1] * kernel[..., None, :]
-    column = first[..., None] + torch.arange(1 - LANCZOS - reach, LANCZOS + reach + 1, device=device)
-    column = column.clamp(0, pixels - 1).long()
-    return torch.zeros(*weights.shape[:-1], pixels, device=device).scatter_add_(-1, column, wide)
-
-
-def blur_kernel(blur: torch.Tensor, largest: float = 4.0) -> torch.Tensor:
-    """Gaussian on the pixel grid, shape [..., 2 r + 1]; sums to 1.
-
-    From its transfer function within the pixels' band: sampled in space, a Gaussian far below a pixel would not blur
-    at all.
-
-    Args:
-        blur: standard deviation [px], at most ``largest``, any shape [...].
-        largest: fixes the reach r.
-    """
-    reach = math.ceil(BLUR_REACH * min(largest, 2.5))
-    omega = (torch.arange(FREQUENCIES, device=blur.device) + 0.5) * (math.pi / FREQUENCIES)
-    offset = torch.arange(-reach, reach + 1, device=blur.device)
-    transfer = torch.exp(-0.5 * (blur[..., None] * omega) ** 2)
-    kernel = transfer @ torch.cos(omega[:, None] * offset) / FREQUENCIES
-    return kernel / kernel.sum(dim=-1, keepdim=True)
 
 
 def noisy(images: torch.Tensor, flat: torch.Tensor, noise: float, generator: torch.Generator) -> torch.Tensor:

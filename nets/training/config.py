@@ -54,6 +54,10 @@ class AugmentationConfig(Strict):
     """One of the square's symmetries that the scene has, applied to plate and image together."""
 
 
+LARGEST_BLUR_PX = 2.5
+"""That a camera of the training may have."""
+
+
 class CameraConfig(Strict):
     """How far cameras are from perfect; each visit of a sample draws one, see ``camera.py``. 0 leaves an effect out."""
 
@@ -63,7 +67,7 @@ class CameraConfig(Strict):
     """Largest shift of a channel against the middle one, any direction [px]."""
     scale: Annotated[Finite, Field(ge=0, le=0.02)] = 0.0015
     """Largest difference of a channel's magnification from the middle one's."""
-    blur_px: Annotated[Finite, Field(ge=0, le=2.5)] = 2.0
+    blur_px: Annotated[Finite, Field(ge=0, le=LARGEST_BLUR_PX)] = 2.0
     """Largest blur of a channel, a standard deviation [px]."""
     unevenness: Annotated[Finite, Field(ge=0, le=0.5)] = 0.06
     """Largest coefficient of light that is not even, relative."""

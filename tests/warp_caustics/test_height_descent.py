@@ -11,7 +11,7 @@ from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import Evaluation, ReliefObjective
-from warp_caustics.reconstruct.resampling import blur_matrices
+from warp_caustics.resampling import blur_matrices
 
 SCENE = Scene(height_samples=16, image_pixels=32)
 CPU = torch.device("cpu")

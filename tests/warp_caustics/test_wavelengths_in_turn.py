@@ -10,8 +10,8 @@ from warp_caustics.reconstruct.height_descent import HeightDescent
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.refine_options import RefineOptions
 from warp_caustics.reconstruct.relief_objective import ReliefObjective
-from warp_caustics.reconstruct.resampling import blur_matrices
 from warp_caustics.reconstruct.wavelengths_in_turn import WavelengthsInTurn, single_wavelengths
+from warp_caustics.resampling import blur_matrices
 
 SCENE = Scene(height_samples=16, image_pixels=32)
 CPU = torch.device("cpu")

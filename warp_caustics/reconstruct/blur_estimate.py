@@ -22,8 +22,9 @@ LARGEST_SQUARE = 25.0
 """Of the blur [px^2] that is looked for."""
 SIGNIFICANT = 4.0
 """Standard errors from 0 below which a blur is none."""
-LEAST_SQUARE = 0.03
-"""Blur [px^2] (0.17 px) below which it is none: what photon footprints differ by, and nothing to a refinement."""
+LEAST_SQUARE = 0.09
+"""Blur [px^2] (0.3 px) below which it is none: photon footprints differ by 0.2 px, channels that were moved are
+softened by up to 0.37, and it is nothing to a refinement."""
 
 
 class Blur(NamedTuple):

@@ -7,7 +7,7 @@ import torch
 
 from warp_caustics.reconstruct.objective import Measurement, negativity, total_variation
 from warp_caustics.reconstruct.refine_options import RefineOptions
-from warp_caustics.reconstruct.resampling import blurred
+from warp_caustics.resampling import blurred
 from warp_caustics.simulator import CausticSimulator
 
 
@@ -43,7 +43,7 @@ class ReliefObjective:
         simulator: in units of the radiosity, at the measurement's pixels.
         measurement: what was seen.
         options: weights.
-        blur: of the camera, matrices of shape [n_w, m, m], see :func:`.resampling.blur_matrices`;
+        blur: of the camera, matrices of shape [n_w, m, m], see :func:`~warp_caustics.resampling.blur_matrices`;
             None for none.
     """
 

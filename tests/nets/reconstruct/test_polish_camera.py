@@ -12,7 +12,7 @@ from nets.reconstruct.polish import Polish, PolishOptions
 from nets.reconstruct.record import Resimulation
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.channel_camera import ChannelCamera
-from warp_caustics.reconstruct.resampling import blur_matrices, blurred
+from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 

@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from warp_caustics.reconstruct.aligned_channels import channels_together, repaired
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.blur_estimate import estimated_blur
 from warp_caustics.reconstruct.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.channel_registration import registered
 from warp_caustics.reconstruct.objective import Measurement
-from warp_caustics.reconstruct.registration import registered
-from warp_caustics.reconstruct.resampling import (
-    blur_matrices,
-    blur_matrix,
-    blurred,
-    channels_together,
-    repaired,
-    resampling_matrix,
-)
+from warp_caustics.resampling import blur_matrices, blur_matrix, blurred
 
 PIXELS = 128
 
@@ -207,13 +201,6 @@ def test_repaired_pixels_take_their_neighbours():
     values, mask = np.ones((1, 16, 16)), np.ones((1, 16, 16), bool)
     values[0, 5, 5], mask[0, 5, 5] = 0.0, False
     assert repaired(CausticImage(values, mask=mask))[0, 5, 5] == pytest.approx(1)
-
-
-def test_resampling_rows_sum_to_one_and_move_towards_larger_coordinates():
-    matrix = resampling_matrix(64, 2.0, 0.0)
-    torch.testing.assert_close(matrix.sum(1), torch.ones(64, dtype=torch.float64))
-    assert matrix[32].argmax() == 30
-    torch.testing.assert_close(resampling_matrix(64, 0.0, 0.0), torch.eye(64, dtype=torch.float64), atol=1e-12, rtol=0)
 
 
 def test_the_warning_names_the_channel_and_what_was_trained():

@@ -1,0 +1,100 @@
+"""Shift, scale and blur of images against closed forms and scipy; what they must keep."""
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import torch
+
+from data_gen.dataset_config import DatasetConfig
+from data_gen.samples import Reliefs
+from warp_caustics import CausticSimulator, Scene
+from warp_caustics.resampling import blur_reach, gaussian_kernel, resampled, resampling_matrix
+
+REACH = blur_reach(2.5)
+
+
+def caustics(count=2):
+    scene = Scene(height_samples=16, image_pixels=64)
+    heights = Reliefs(DatasetConfig(kind="updater", n_samples=100, scene=scene), "cpu").true(range(count))
+    return CausticSimulator(scene, "lattice")(heights)
+
+
+def zeros(*shape):
+    return torch.zeros(*shape)
+
+
+def waves(pixels, period, shift_x=0.0, shift_y=0.0):
+    """A band-limited picture, displaced exactly, shape [1, 1, m, m]."""
+    along = torch.arange(pixels, dtype=torch.float64)
+    x, y = (along - shift_x)[None, :], (along - shift_y)[:, None]
+    picture = 1 + 0.3 * torch.sin(2 * np.pi * x / period) + 0.2 * torch.cos(2 * np.pi * (x + 2 * y) / (3 * period))
+    return picture.float()[None, None]
+
+
+def test_no_shift_no_scale_no_blur_is_no_change():
+    images = caustics()
+    same = resampled(images, zeros(2, 3, 2), zeros(2, 3), zeros(2, 3), REACH)
+    assert (same - images).abs().max() < 1e-6 * images.max()
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.0), (-0.3, 0.6), (1.0, -2.0)])
+def test_a_shift_displaces_without_softening(shift):
+    """A wave of six pixels keeps its height to 0.5 % at half a pixel, where linear interpolation loses 13 %."""
+    moved = resampled(waves(64, 6.0), torch.tensor([[shift]]), zeros(1, 1), zeros(1, 1), REACH)
+    expected = waves(64, 6.0, *shift)
+    inside = (slice(None), slice(None), slice(8, -8), slice(8, -8))
+    assert (moved - expected)[inside].abs().max() < 5e-3
+
+
+def test_a_scale_magnifies_about_the_middle():
+    pixels, scale = 64, 0.02
+    matrix = resampling_matrix(pixels, zeros(1), torch.tensor([scale]))[0]
+    found = matrix @ torch.arange(pixels, dtype=torch.float32)
+    along = torch.arange(pixels) - (pixels - 1) / 2
+    expected = along / (1 + scale) + (pixels - 1) / 2
+    # Eight taps of a sinc keep their place to 0.015 px.
+    assert (found - expected)[8:-8].abs().max() < 0.02
+
+
+@pytest.mark.parametrize("blur", [0.15, 0.5, 1.0, 1.6, 2.5])
+def test_the_blur_has_the_width_it_says(blur):
+    """Its variance is sigma^2, also far below a pixel."""
+    kernel = gaussian_kernel(torch.tensor([blur]), REACH)[0].double()
+    offset = torch.arange(len(kernel), dtype=torch.float64) - len(kernel) // 2
+    assert float(kernel.sum()) == pytest.approx(1.0, abs=1e-6)
+    # Read off the transfer function at a low frequency: tails of alternating sign would weigh in a second moment.
+    omega = 0.6
+    assert float((kernel * torch.cos(omega * offset)).sum()) == pytest.approx(
+        np.exp(-0.5 * (blur * omega) ** 2), abs=3e-3
+    )
+
+
+def test_blur_is_that_of_scipy():
+    images = caustics(1)
+    ours = resampled(images, zeros(1, 3, 2), zeros(1, 3), torch.full((1, 3), 1.4), REACH)[0, 1]
+    theirs = scipy.ndimage.gaussian_filter(images[0, 1].numpy().astype(np.float64), 1.4, mode="nearest", truncate=7)
+    assert np.abs(ours.numpy() - theirs).max() < 5e-3 * theirs.max()
+
+
+def test_light_is_kept():
+    """Shift, scale and blur move light about: all of it stays, but for what crosses the border."""
+    images = torch.nn.functional.pad(caustics(1), (16, 16, 16, 16))
+    changed = resampled(images, torch.full((1, 3, 2), 0.37), zeros(1, 3), torch.full((1, 3), 1.2), REACH)
+    assert changed.sum() == pytest.approx(float(images.sum()), rel=1e-4)
+    magnified = resampled(images, zeros(1, 3, 2), torch.full((1, 3), 0.0015), zeros(1, 3), REACH)
+    assert magnified.sum() == pytest.approx(float(images.sum()) * 1.0015**2, rel=1e-3)
+
+
+def test_an_even_field_stays_even():
+    images = torch.ones(1, 3, 32, 32)
+    changed = resampled(images, torch.full((1, 3, 2), 0.4), torch.full((1, 3), 0.01), torch.full((1, 3), 1.0), REACH)
+    assert (changed - 1).abs().max() < 1e-5
+
+
+def test_rows_sum_to_one_and_move_towards_larger_coordinates():
+    double = {"dtype": torch.float64}
+    matrix = resampling_matrix(64, torch.tensor(2.0, **double), torch.tensor(0.0, **double))
+    torch.testing.assert_close(matrix.sum(1), torch.ones(64, **double))
+    assert matrix[32].argmax() == 30
+    still = resampling_matrix(64, torch.zeros((), **double), torch.zeros((), **double))
+    torch.testing.assert_close(still, torch.eye(64, **double), atol=1e-12, rtol=0)
