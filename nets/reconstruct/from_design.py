@@ -55,6 +55,7 @@ from warp_caustics.reconstruct.base import (
     Reconstruction,
     StopReason,
 )
+from warp_caustics.reconstruct.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.refine import Refine
 from warp_caustics.reconstruct.refine_options import RefineOptions
@@ -196,9 +197,8 @@ class _Run:
     ):
         self.method, self.scene, self.options = method, method.scene, method.options
         self.nominal, self.lines, self.profile, self.progress = nominal.astype(np.float64), lines, profile, progress
-        self.resimulation = Resimulation(method.simulator, image).exposed(self.nominal)
-        self.image = self.resimulation.image
-        self.misfit = MisfitMap(method.simulator, self.image)
+        self.counters: dict[str, Any] = {"misfit": {}}
+        self._judge_by(Resimulation(method.simulator, image).exposed(self.nominal))
         self.model = LineModel(method.scene, profile, method.device, limits_around(lines, method.scene.plate_size_m))
         self.best: FloatArray = self.nominal
         self.spread: FloatArray | None = None
@@ -207,9 +207,13 @@ class _Run:
         self.is_explained = False
         self.history: list[dict[str, Any]] = []
         self.timings: dict[str, float] = {}
-        self.counters: dict[str, Any] = {"misfit": {"nominal": self.total(self.nominal)}}
         self.warnings: list[str] = []
         self.started = time.perf_counter()
+
+    def _judge_by(self, resimulation: Resimulation) -> None:
+        self.resimulation, self.image = resimulation, resimulation.image
+        self.misfit = MisfitMap(self.method.simulator, self.image)
+        self.counters["misfit"]["nominal"] = self.total(self.nominal)
 
     def all(self) -> None:
         """Every step, one after the other."""
@@ -299,6 +303,11 @@ class _Run:
         result = self.method.free.reconstruct(self.image, progress=self.progress)
         self.history += result.history
         self.free = as_glass(result.heights_m, self.scene)
+        if "camera" in result.counters:
+            # Lines are fitted to channels that lie together; their model knows no blur.
+            camera = ChannelCamera.of_record(result.counters["camera"], self.scene.image_pixels)
+            self.counters["camera"] = camera.record
+            self._judge_by(self.resimulation.through(camera.sharp()))
         if result.uncertainty_m is not None:
             self.spread = SPREADS / DIRECT.scale * result.uncertainty_m.astype(np.float64)
         else:

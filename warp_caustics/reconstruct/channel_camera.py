@@ -1,6 +1,6 @@
 """How a colour camera saw a caustic: where each channel lies, how blurred it is, and what its numbers mean."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -60,6 +60,10 @@ class ChannelCamera:
     def is_perfect(self) -> bool:
         """Whether there is nothing to do."""
         return not (self.displaces or self.blurs)
+
+    def sharp(self) -> Self:
+        """The same without its blur, for models that know none."""
+        return replace(self, blur=np.zeros_like(self.blur))
 
     @property
     def apart_px(self) -> FloatArray:

@@ -1,5 +1,7 @@
 """Reconstruction with a design, and the choice between reliefs part by part."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -12,6 +14,8 @@ from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, LINES, REL
 from nets.reconstruct.selection import MisfitMap, better_parts, parts
 from nets.reconstruct.uncertainty import DIRECT
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.channel_camera import ChannelCamera
+from warp_caustics.resampling import resampled
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -30,6 +34,23 @@ def simulator():
 
 def image_of(heights, simulator):
     return CausticImage(simulator(torch.tensor(heights, dtype=torch.float32)).numpy(), np.full(3, 0.01))
+
+
+def test_lines_are_fitted_to_channels_that_lie_together(method, simulator):
+    """Red and blue half a pixel apart from green: as good as an image whose channels never were apart."""
+    free = FreeOfCamera(relief(*TWO), np.full((32, 32), 1e-6))
+    free.camera = ChannelCamera.perfect(3, 64)
+    free.camera.shift[0], free.camera.shift[2] = (0.5, 0.2), (-0.3, -0.4)
+    image = image_of(relief(*TWO), simulator)
+    shift = torch.tensor(free.camera.shift)
+    moved = resampled(torch.tensor(image.irradiance).double(), shift, torch.zeros(3), torch.zeros(3).double(), 4)
+    method.free, method.options = free, method.options.model_copy(update={"fit_lines": None})
+    found = method.reconstruct(CausticImage(moved.numpy(), image.noise_std), relief(*TWO), TWO).reconstruction
+    assert found.counters["camera"]["shift_px"] == free.camera.shift.tolist()
+    assert found.counters["explained_by_lines"] and np.abs(found.heights_m - relief(*TWO)).max() < 1e-5
+    method.free = Free(relief(*TWO), free.spread)
+    control = method.reconstruct(CausticImage(moved.numpy(), image.noise_std), relief(*TWO), TWO).reconstruction
+    assert control.residual > 1.5 * found.residual
 
 
 def test_misfit_is_where_the_relief_is_wrong(simulator):
@@ -74,6 +95,16 @@ class Free:
     def reconstruct(self, image, *, initial=None, progress=None):
         sigma = DIRECT.scale / SPREADS * self.spread
         return Reconstruction("direct", self.answer, image.irradiance, 0.1, "converged", uncertainty_m=sigma)
+
+
+class FreeOfCamera(Free):
+    """One that also finds what the camera did."""
+
+    camera = ChannelCamera.perfect(3, 64)
+
+    def reconstruct(self, image, *, initial=None, progress=None):
+        found = super().reconstruct(image)
+        return dataclasses.replace(found, counters={"camera": self.camera.record})
 
 
 @pytest.fixture(scope="module")
