@@ -97,7 +97,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
-            warnings += resimulation.camera.warnings(self._trained_shift_px)
+            warnings += resimulation.camera.warnings(self.scene.wavelengths_m, self._trained_shift_px)
         reason: StopReason = "interrupted" if interrupted else "converged"
         if self.options.refine and not interrupted:
             found = self.polish(

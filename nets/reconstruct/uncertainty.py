@@ -18,8 +18,8 @@ class Calibration:
         within_one, within_two: share of points whose error is within one and two standard uncertainties.
         fields: number of fields it was measured on.
         seed: of these fields (``DatasetConfig(kind="updater", role="data")``, Tab. 3, each seen four times: as
-            simulated, blurred by 1 px, with red and blue 0.3 px apart from green, and through a camera that does some of
-            everything).
+            simulated, blurred by 1 px, with red and blue 0.3 px apart from green, and through a camera that does some
+            of everything).
     """
 
     scale: float
@@ -30,8 +30,8 @@ class Calibration:
 
 
 DIRECT = Calibration(scale=1.147, within_one=0.688, within_two=0.903, fields=18, seed=777_001)
-"""Of the shipped direct network with eight symmetries and the refinement of ``polish.py`` on a CPU:
-``benchmarks.robustness --own 777001 --fields 18 --calibrate``. In each of the four cases 67.7 to 69.5 % lie within one."""
+"""Of the shipped direct network with eight symmetries and the refinement of ``polish.py`` on a CPU
+(``benchmarks.robustness --own 777001 --fields 18 --calibrate``); 67.7 to 69.5 % lie within one in each of the cases."""
 
 
 def uncertainty(answers: torch.Tensor, calibration: Calibration) -> torch.Tensor | None:

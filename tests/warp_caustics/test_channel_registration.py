@@ -13,6 +13,7 @@ from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.resampling import blur_matrices, blur_matrix, blurred
 
 PIXELS = 128
+RGB = (610e-9, 530e-9, 430e-9)
 
 
 def lines(shift=(0.0, 0.0), scale=0.0, blur=0.0, seed=0, bent=0.0):
@@ -83,7 +84,7 @@ def test_a_common_shift_is_left_alone():
 def test_zero_stays_exactly_zero(level, bent):
     camera = found(CLEAN + level * noise(3, PIXELS, PIXELS, std=1.0), stacked(*[lines(bent=bent)] * 3))
     assert camera.is_perfect and not camera.shift.any() and not camera.scale.any() and not camera.blur.any()
-    assert camera.warnings(0.6) == []
+    assert camera.warnings(RGB, 0.6) == []
 
 
 @pytest.mark.parametrize("bent", [0.0, 0.5])
@@ -206,15 +207,20 @@ def test_repaired_pixels_take_their_neighbours():
 def test_the_warning_names_the_channel_and_what_was_trained():
     camera = ChannelCamera.perfect(3, 512)
     camera.shift[2] = 0.0, 0.3
-    (line,) = camera.warnings(0.6)
-    assert "channel 2 lies up to 0.30 px" in line and "trained for up to 0.6 px" in line and "\n" not in line
-    assert "trained" not in camera.warnings()[0]
+    (line,) = camera.warnings(RGB, 0.6)
+    assert (
+        "430 nm lies up to 0.30 px beside that of 530 nm" in line
+        and "trained for up to 0.6 px" in line
+        and "\n" not in line
+    )
+    assert "trained" not in camera.warnings(RGB)[0]
     camera.shift[2], camera.scale[0] = 0.0, 1e-3
-    assert "channel 0 lies up to 0.36 px" in camera.warnings()[0], "256 px from the middle, along x and y"
+    assert "trained for no more than 0.2 px; correct it" in camera.warnings(RGB, 0.2)[0]
+    assert "610 nm lies up to 0.36 px" in camera.warnings(RGB)[0], "256 px from the middle, along x and y"
     camera.scale[0], camera.blur[1] = 0.0, 2.4
-    assert "channel 1 is blurred by 2.4 px" in camera.warnings()[0]
+    assert "530 nm is blurred by 2.4 px" in camera.warnings(RGB)[0]
     camera.blur[1] = 1.9
-    assert camera.warnings() == []
+    assert camera.warnings(RGB) == []
 
 
 def test_a_camera_survives_its_record():

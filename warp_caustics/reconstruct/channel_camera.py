@@ -1,5 +1,6 @@
 """How a colour camera saw a caustic: where each channel lies, how blurred it is, and what its numbers mean."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -85,25 +86,29 @@ class ChannelCamera:
             "ambient": self.ambient.tolist(),
         }
 
-    def warnings(self, trained_px: float | None = None) -> list[str]:
+    def warnings(self, wavelengths_m: Sequence[float], trained_px: float | None = None) -> list[str]:
         """What the user should know, a line each.
 
         Args:
+            wavelengths_m: of the channels [m], by which they are named.
             trained_px: displacement that the network has seen [px]; None if that is not known.
         """
+        names = [f"{1e9 * wavelength:g} nm" for wavelength in wavelengths_m]
         told, apart = [], self.apart_px
-        worst = int(apart.argmax())
+        worst, blurred = int(apart.argmax()), int(self.blur.argmax())
         if apart[worst] > TOLD_PX:
-            known = "" if trained_px is None else f"; direct was trained for up to {trained_px:g} px"
             told.append(
-                f"channel {worst} lies up to {apart[worst]:.2f} px beside the middle one (lateral colour of the "
-                f"camera?); undone for the refinement{known}"
+                f"the image of {names[worst]} lies up to {apart[worst]:.2f} px beside that of "
+                f"{names[len(names) // 2]} (lateral colour of the lens, mosaic of the sensor); undone to refine"
             )
-        blurred = int(self.blur.argmax())
+            if trained_px is not None:
+                is_beyond = apart[worst] > trained_px
+                told[-1] += f", direct was trained for {'no more than' if is_beyond else 'up to'} {trained_px:g} px"
+                told[-1] += "; correct it in the raw converter" if is_beyond else ""
         if self.blur[blurred] > TOLD_BLUR_PX:
             told.append(
-                f"channel {blurred} is blurred by {self.blur[blurred]:.1f} px (standard deviation), networks know up "
-                f"to {TOLD_BLUR_PX:g} px; focus, or bin the image"
+                f"the image of {names[blurred]} is blurred by {self.blur[blurred]:.1f} px (standard deviation), "
+                f"networks know up to {TOLD_BLUR_PX:g} px; focus, or bin the image"
             )
         return told
 
