@@ -113,5 +113,5 @@ def test_the_record_tells_of_the_camera(saved, monkeypatch):
         method = create("direct", scene, weights=saved("direct", training=training), refine_iterations=2)
         result = method.reconstruct(image)
         assert result.counters["camera"]["shift_px"][2] == [0.3, 0.4]
-        (told,) = [line for line in result.warnings if "beside the middle one" in line]
+        (told,) = [line for line in result.warnings if "beside that of 530 nm" in line]
         assert "0.50 px" in told and ("trained for up to 0.6 px" in told) == expected
