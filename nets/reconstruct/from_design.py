@@ -307,7 +307,8 @@ class _Run:
             # Lines are fitted to channels that lie together; their model knows no blur.
             camera = ChannelCamera.of_record(result.counters["camera"], self.scene.image_pixels)
             self.counters["camera"] = camera.record
-            self._judge_by(self.resimulation.through(camera.sharp()))
+            if camera.displaces:
+                self._judge_by(self.resimulation.through(camera.sharp()))
         if result.uncertainty_m is not None:
             self.spread = SPREADS / DIRECT.scale * result.uncertainty_m.astype(np.float64)
         else:

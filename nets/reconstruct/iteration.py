@@ -120,6 +120,7 @@ class Iterated(Reconstructor):
         if self.options.refine and reason == "max_iterations":
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
+            warnings += resimulation.camera.warnings(self.scene.wavelengths_m)
             found = self.polish(resimulation, heights, timings["iteration"], progress)
             if found is not None:
                 heights, reason = found.heights, found.reason

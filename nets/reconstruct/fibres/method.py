@@ -130,6 +130,7 @@ class _Run:
         timings["fibres"] = time.perf_counter() - self.started - sum(timings.values())
         heights, fibres = answer.heights_m, None
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
+        counters["camera"] = self.resimulation.camera.record
         is_noise_left = False
         if len(self.lines):
             found = self._relief(self.lines)

@@ -121,6 +121,7 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering, e
     assert result.counters["explained_by"] == "fibres" and error < 1.0
     assert result.fibres_m.shape == (3, 6) and result.method == "fibres"
     assert result.residual < result.counters["residual_of_network"]
+    assert not np.any(result.counters["camera"]["shift_px"]), "channels that lie together are found so"
     assert "refinement" not in result.counters, "nothing but noise is left"
     assert result.counters["discrepancy"] == pytest.approx(1, abs=0.1)
     assert [warning.split(" has ")[0] for warning in result.warnings] == ["the image"] * (exposure != 1)

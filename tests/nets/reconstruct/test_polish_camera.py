@@ -115,3 +115,7 @@ def test_the_record_tells_of_the_camera(saved, monkeypatch):
         assert result.counters["camera"]["shift_px"][2] == [0.3, 0.4]
         (told,) = [line for line in result.warnings if "beside that of 530 nm" in line]
         assert "0.50 px" in told and ("trained for up to 0.6 px" in told) == expected
+    iterated = create("nsfc-unrolled", scene, weights=saved("unrolled"), max_iterations=1, refine_iterations=2)
+    result = iterated.reconstruct(image)
+    assert result.counters["camera"]["shift_px"][2] == [0.3, 0.4]
+    assert any("430 nm lies up to 0.50 px" in line for line in result.warnings)
