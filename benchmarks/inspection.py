@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 import torch
 
-from cli.inspection.design import Design, with_lines
 from data_gen.config import ReliefConfig
-from data_gen.fibre_findings import fibre_findings
-from data_gen.fibres import Line, line_relief
-from data_gen.line_fit import FittedLine, shifted
-from data_gen.line_tolerance import line_limit
 from data_gen.patterns import draw_strokes
-from nets.reconstruct.from_design import FromDesign
+from nets.inspection.from_design import FromDesign
 from warp_caustics.inspection.compare import inspect_plate
+from warp_caustics.inspection.design import Design, with_lines
+from warp_caustics.inspection.fibres import fibre_findings
 from warp_caustics.inspection.findings import Inspection
 from warp_caustics.io.image_file import ImageFile
+from warp_caustics.prints.fit import FittedLine, shifted
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.tolerance import line_limit
 
-from warp_caustics.capture.irradiance import Capture, capture_to_irradiance  # isort: skip
+from warp_caustics.capture.radiometric import Capture, capture_to_irradiance  # isort: skip
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

@@ -7,7 +7,6 @@ on prints of ``data_gen.reliefs`` that look much the same.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from data_gen.config import PrintedPattern
@@ -16,8 +15,7 @@ from data_gen.reliefs import print_strokes
 from data_gen.variety import PrintTraits
 from warp_caustics.height_field import cell_centres
 from warp_caustics.scene import Scene
-
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.types import FloatArray
 
 SUPERSAMPLING = 4
 """Points per height sample and direction, as in printing."""

@@ -46,8 +46,8 @@ from warp_caustics.metrics import height_errors
 from warp_caustics.reconstruct.base import CausticImage, Reconstructor
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ImageArray = npt.NDArray[np.float32]
 
 PHOTON_NOISE = 0.018

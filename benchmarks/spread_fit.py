@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.optimize
 
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.types import FloatArray
 
 COVERED = 0.683
 """Share of points within one standard uncertainty, if errors were normal."""

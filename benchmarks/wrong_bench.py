@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
 
-FloatArray = npt.NDArray[np.float64]
 ImageArray = npt.NDArray[np.float32]
 
 WHITE_NOISE = 0.01

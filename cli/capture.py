@@ -13,7 +13,7 @@ from cli.options import config_options, json_option
 
 if TYPE_CHECKING:
     from cli.config import Config
-    from warp_caustics.capture.irradiance import Capture
+    from warp_caustics.capture.radiometric import Capture
 
 
 @click.command()

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import pydantic
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
@@ -23,13 +23,10 @@ from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
 from warp_caustics.presets import PRESETS
 from warp_caustics.scene import Placement, Profile, Scene, validation_lines
+from warp_caustics.strict import Strict
 
 MAX_PROBLEMS = 3
 """Problems named in one message."""
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
 def _check_preset(value: str) -> str:
@@ -38,7 +35,7 @@ def _check_preset(value: str) -> str:
     return value
 
 
-class SimulationConfig(_Strict):
+class SimulationConfig(Strict):
     """How ``nsfc simulate`` simulates; None takes the preset's value. Methods choose their own photons."""
 
     preset: Annotated[str, AfterValidator(_check_preset)] = "lattice"
@@ -55,16 +52,16 @@ class SimulationConfig(_Strict):
     """Selects the set of random photons; no effect on a lattice."""
 
 
-class ReconstructionConfig(_Strict):
+class ReconstructionConfig(Strict):
     """Which method, with which options; the method checks its options itself."""
 
     method: str = "auto"
     """Name of the method; auto chooses by looking at the image."""
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
     """Settings of the method, by name."""
 
 
-class PhotonWish(_Strict):
+class PhotonWish(Strict):
     """What is known of how to simulate; None takes what suits the kind of data set."""
 
     preset: Annotated[str, AfterValidator(_check_preset)] | None = None
@@ -77,7 +74,7 @@ class PhotonWish(_Strict):
     """Where photons start."""
 
 
-class DataConfig(_Strict):
+class DataConfig(Strict):
     """How ``nsfc data build`` simulates."""
 
     samples_per_shard: Annotated[int, Field(ge=1, le=4096)] = 32
@@ -88,7 +85,7 @@ class DataConfig(_Strict):
     """The denoiser's target, and the updater's target image."""
 
 
-class Config(_Strict):
+class Config(Strict):
     """Everything that can be set: Tab. 1 (scene, simulation), Tab. 2 (denoiser, updater) and Tab. 3 (reliefs)."""
 
     scene: Scene = Scene()

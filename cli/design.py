@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cli.config import Config
     from warp_caustics.design.designer import Design
     from warp_caustics.io.image_file import ImageFile
-    from warp_caustics.reconstruct.base import FloatArray
+    from warp_caustics.types import FloatArray
 
 EXIT_INTERRUPTED = 130
 

@@ -8,8 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from warp_caustics.design.designer import Design
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 WHITE_PERCENT = 99.5
 """Irradiance at this percentile of the target is white."""

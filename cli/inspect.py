@@ -75,11 +75,11 @@ def inspect(
     """
     from cli.batch import image_list
     from cli.config import load_config
-    from cli.inspection.design import judged_part, read_design, with_lines
     from cli.inspection.job import InspectionJob
     from cli.inspection.series import run_series, run_watch
     from cli.results import check_target
     from warp_caustics.errors import InputError
+    from warp_caustics.inspection.design import judged_part, read_design, with_lines
 
     if not tolerance > 0:
         raise click.BadParameter("0 would fail every plate; give a length such as 50um", param_hint="--tolerance")

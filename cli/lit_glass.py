@@ -3,8 +3,8 @@
 import numpy as np
 import scipy.ndimage
 
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 _SHOWN_SLOPE = 1.2
 _LIGHT = np.array([-0.55, 0.6, 0.58]) / np.linalg.norm([-0.55, 0.6, 0.58])

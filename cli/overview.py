@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
@@ -11,8 +10,7 @@ from matplotlib.figure import Figure
 
 from warp_caustics.io.atomic import PathLike, atomic_path
 from warp_caustics.scene import Scene
-
-FloatArray = npt.NDArray[np.floating[Any]]
+from warp_caustics.types import FloatArray
 
 BRIGHTEST_PERCENT = 99.5
 """Irradiance at this percentile of the measured image is white: caustic lines would otherwise leave the rest black."""

@@ -13,16 +13,11 @@ from cli.options import config_options, device_option, integer, json_option, num
 
 if TYPE_CHECKING:
     from cli.config import Config
-    from warp_caustics.capture.irradiance import Capture
+    from warp_caustics.capture.radiometric import Capture
     from warp_caustics.capture.settings import CaptureSettings
-    from warp_caustics.reconstruct.base import (
-        CausticImage,
-        FloatArray,
-        ProgressCallback,
-        Reconstruction,
-        Reconstructor,
-    )
+    from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
     from warp_caustics.scene import Scene
+    from warp_caustics.types import FloatArray
 
 EXIT_INTERRUPTED = 130
 
@@ -277,7 +272,7 @@ def reconstruct_from_transport(
 
     Ctrl-C before the method starts makes what transport found so far the result.
     """
-    from warp_caustics.reconstruct.transport import transport_initial, with_initial
+    from warp_caustics.reconstruct.transport.transport import transport_initial, with_initial
 
     start = transport_initial(scene, inputs.caustic, device, progress)
     inputs = replace(inputs, initial=start.heights_m)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from cli.reconstruct import Inputs
     from cli.report.content import ReportContent
     from warp_caustics.inspection.findings import Inspection
-    from warp_caustics.reconstruct.base import FloatArray, Reconstruction
+    from warp_caustics.reconstruct.base import Reconstruction
+    from warp_caustics.types import FloatArray
 
 FILES = (
     "height.npy", "height.tif", "surface.stl", "result.json", "overview.png", "report.html", "config.resolved.yaml",
@@ -166,11 +167,11 @@ def write_results(
     from cli.config import dump_config
     from cli.overview import overview_figure, uncertainty_figure, write_overview
     from cli.report.write import write_report
-    from data_gen.fibres import Line
-    from data_gen.line_list import write_lines
     from warp_caustics.io.atomic import atomic_path
     from warp_caustics.io.heights import write_heights
     from warp_caustics.io.mesh import height_field_mesh, write_mesh
+    from warp_caustics.prints.line import Line
+    from warp_caustics.prints.line_list import write_lines
 
     scene = config.scene
     if result.uncertainty_m is not None:

@@ -6,13 +6,13 @@ interval (lowest, highest) from which values are drawn uniformly.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from data_gen.variety import PrintVariety
+from warp_caustics.prints.line import MAX_LINES, MAX_SUPERSAMPLING, Section
+from warp_caustics.strict import Finite, Strict
 
-MAX_LINES = 10_000
 MAX_LENGTH_M = 1.0
-MAX_SUPERSAMPLING = 64
 MAX_PICTURE_CELLS = 1_000_000
 MAX_MERGING_SUPERSAMPLING = 8
 """With lines that merge each thread of the printing kernel keeps supersampling^2 sums."""
@@ -57,20 +57,14 @@ def _check_picture(rows: tuple[str, ...]) -> tuple[str, ...]:
     return rows
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Interval = Annotated[tuple[Finite, Finite], AfterValidator(_check_interval)]
 PositiveInterval = Annotated[Interval, AfterValidator(_check_positive)]
 AngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_angles)]
 CountInterval = Annotated[tuple[int, int], AfterValidator(_check_count)]
 
-Profile = Literal["cosine", "quarter"]
-"""``cosine``: H/2 (1 + cos(2 pi r / w)); ``quarter``: H cos(pi r / w); both 0 from r = w/2 on."""
 
-
-class Perturbation(BaseModel):
+class Perturbation(Strict):
     """Offsets added to a line for the updater's data set (last column of Tab. 3)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     line_start_m: Interval = (-2.5e-3, 2.5e-3)
     """Offset of the start, along x and along y [m]; a ring's centre."""
@@ -82,10 +76,8 @@ class Perturbation(BaseModel):
     """Offset of the height [m]."""
 
 
-class PrintedPattern(BaseModel):
+class PrintedPattern(Strict):
     """What all patterns of printed strokes share; unknown fields are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     line_width_m: PositiveInterval = (1e-4, 4e-3)
     """Full width w [m]."""
@@ -97,7 +89,7 @@ class PrintedPattern(BaseModel):
 
     Tab. 3's offsets make 15 % of the lines non-positive in width or height and the paper does not say what
     becomes of them."""
-    profile: Profile = "cosine"
+    profile: Section = "cosine"
     """Cross section: cosine is H/2 (1 + cos(2 pi r / w)), quarter H cos(pi r / w), r from the centre line."""
     supersampling: Annotated[int, Field(ge=1, le=MAX_SUPERSAMPLING)] = 4
     """A height sample is the mean of supersampling^2 points of its cell; 7.5 % of the lines are narrower."""

@@ -5,10 +5,11 @@ import json
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from data_gen.config import PatternConfig, ReliefConfig
 from warp_caustics.scene import Placement, Scene
+from warp_caustics.strict import Strict
 
 GENERATOR_VERSION = 1
 """Raised whenever the same configuration would give other samples."""
@@ -19,11 +20,7 @@ Kind = Literal["denoiser", "updater"]
 Role = Literal["data", "test"]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
-
-
-class PhotonConfig(_Strict):
+class PhotonConfig(Strict):
     """How one of a sample's images is simulated; None takes the preset's value."""
 
     preset: Literal["lattice", "paper"] = "lattice"
@@ -45,7 +42,7 @@ def _default_photons(values: dict[str, Any], paper: PhotonConfig) -> PhotonConfi
     return paper if values.get("kind") == "denoiser" else PhotonConfig()
 
 
-class DatasetConfig(_Strict):
+class DatasetConfig(Strict):
     """Everything that decides the content of a data set; unknown fields are refused."""
 
     kind: Kind

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from data_gen.config import PictureConfig, PrintedPattern, RasterConfig, ReliefConfig, RingsConfig
-from data_gen.fibres import Line
 from warp_caustics.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.prints.line import Line
+from warp_caustics.types import FloatArray
 
 STROKE_COLUMNS = ("kind", "x0_m", "y0_m", "x1_m", "y1_m", "width_m", "height_m")
 """Columns of a stroke. Kind 0: a segment from (x0, y0) to (x1, y1); kind 1: a ring around (x0, y0) of radius x1."""

@@ -9,13 +9,13 @@ import warp as wp
 
 from data_gen.config import PrintedPattern
 from data_gen.dataset_config import DatasetConfig, sample_generator
-from data_gen.kernels import stroke_kernel
 from data_gen.patterns import RING, STROKE_COLUMNS
 from data_gen.variety import TRAIT_COLUMNS, PrintTraits, draw_traits, merged, plain_traits, section_height
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.errors import InputError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.kernels.runtime import start_warp
+from warp_caustics.prints.kernels import stroke_kernel
 from warp_caustics.scene import Scene
 
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.strict import Strict
+from warp_caustics.types import FloatArray
 
 Section = Literal["cosine", "parabola", "gaussian"]
 SECTIONS: tuple[Section, ...] = ("cosine", "parabola", "gaussian")
@@ -37,10 +37,8 @@ Reach = Annotated[float, Field(ge=1, le=3, allow_inf_nan=False)]
 Merging = Annotated[float, Field(ge=1, le=MAX_MERGING, allow_inf_nan=False)]
 
 
-class PrintVariety(BaseModel):
+class PrintVariety(Strict):
     """How much prints differ. Each relief draws its traits; those left out stay as the pattern says."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     section_share: Share = 0.6
     """Of the reliefs have another section than the pattern's: one of three families, with g drawn."""

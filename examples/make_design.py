@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data_gen.fibres import Line, line_relief
-from data_gen.line_list import read_lines
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.line_list import read_lines
 
 SEED = 11
 PLATE_SIZE_M = (0.05, 0.05)

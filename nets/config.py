@@ -7,7 +7,9 @@ against it and a search draws from it.
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
+
+from warp_caustics.strict import Strict
 
 Nonlinearity = Literal["ELU", "ReLU", "PReLU", "SELU"]
 
@@ -62,14 +64,12 @@ RANGES: dict[str, Range | Choice] = {
 }
 
 
-class NetworkConfig(BaseModel):
+class NetworkConfig(Strict):
     """One member of the family (Tab. 2), validated and immutable; unknown fields are refused.
 
     Fields that a network has no use for are None: the denoiser has no output
     blocks (m_dec, k_dec) and no total variation, the updater no initial block.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     learning_rate: float = Field(description="learning rate of Adam")
     nonlinearity: Nonlinearity = Field(description="nonlinearity after convolutions")

@@ -1,13 +1,11 @@
 """What a denoiser and an updater of the paper's family are, beside the numbers of Tab. 2."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
-from nets.modern_config import Finite, Strict
-
-Positive = Annotated[Finite, Field(gt=0)]
+from warp_caustics.strict import Positive, Strict
 
 
 class DenoiserConfig(Strict):

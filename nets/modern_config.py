@@ -7,15 +7,9 @@ resolution of the height map or below.
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class Strict(BaseModel):
-    """Immutable; unknown fields are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+from warp_caustics.strict import Finite, Strict
 
 
 class BackboneConfig(Strict):

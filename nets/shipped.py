@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from nets.reconstruct.scene_match import check_scene, differences, train_command
+from nets.scene_match import check_scene, differences, train_command
 from nets.weights import WeightsInfo, load_weights, weights_info
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene

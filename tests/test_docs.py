@@ -212,9 +212,9 @@ def workspace(folder, block):
     import torch
 
     from cli.config import load_config
-    from data_gen.fibres import Line, line_relief
     from warp_caustics import CausticSimulator
     from warp_caustics.io import write_image
+    from warp_caustics.prints.line import Line, line_relief
 
     name, content = setup_of_the_photo_page()
     (folder / name).write_text(content, encoding="utf-8")

@@ -14,9 +14,8 @@ coefficients than samples are kept on either side.
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.types import FloatArray
 
 MARGIN = 2
 """Coefficients kept beyond the samples on either side."""

@@ -1,13 +1,9 @@
 """How far a recovered relief is from the true one."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from warp_caustics.errors import InputError
-
-FloatArray = npt.NDArray[np.floating[Any]]
+from warp_caustics.types import FloatArray
 
 
 def height_errors(

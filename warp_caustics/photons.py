@@ -16,10 +16,11 @@ import torch
 import warp as wp
 
 from warp_caustics.errors import InputError
-from warp_caustics.height_field import FloatArray, cell_centres
+from warp_caustics.height_field import cell_centres
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.photons import photon_kernels
 from warp_caustics.scene import Placement, Scene
+from warp_caustics.types import FloatArray
 
 MAX_PHOTONS = 10**10
 

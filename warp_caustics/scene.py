@@ -11,9 +11,10 @@ import math
 from typing import Annotated, Literal
 
 import pydantic
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, refractive_index
+from warp_caustics.strict import Finite, Strict
 
 MIN_PHYSICAL_INDEX, MAX_PHYSICAL_INDEX = 1.0, 4.0
 MAX_LENGTH_M = 10.0
@@ -48,20 +49,17 @@ def _check_plate_length(value: float) -> float:
     return value
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
 PlateLength = Annotated[Finite, AfterValidator(_check_plate_length)]
 Medium = Annotated[str | Finite, AfterValidator(_check_index)]
 
 
-class Scene(BaseModel):
+class Scene(Strict):
     """Non-differentiable scene parameters (Tab. 1), validated and immutable.
 
     Unknown fields are refused. Lengths are metres, angles radians. ``n_l`` and
     ``s`` of Tab. 1 belong to the simulator, not to the scene.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     height_samples: Annotated[int, Field(ge=2, le=4096, description="n: samples per side of the height map")] = 128
     image_pixels: Annotated[int, Field(ge=2, le=8192, description="m: pixels per side of the caustic image")] = 512

@@ -22,9 +22,10 @@ from cli.console import json_text, plain
 from cli.main import EXIT_BUG, is_out_of_memory
 from warp_caustics.errors import CausticsError, ResourceError
 from warp_caustics.io.atomic import atomic_path
-from warp_caustics.reconstruct.base import FloatArray, Reconstruction
+from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
+from warp_caustics.types import FloatArray
 
 FORMAT = 1
 """Raised whenever cells of an earlier version of this package must not be used."""

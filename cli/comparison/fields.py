@@ -17,16 +17,17 @@ import torch
 
 from cli.comparison.arrays import array_hash, read_arrays, write_arrays
 from cli.comparison.code import code_version
-from cli.comparison.folds import fold_fraction
 from cli.reconstruct import read_inputs
 from data_gen.dataset_config import PhotonConfig, sample_generator, sample_seed
 from data_gen.testset import TEST_FIELDS, field_heights, fields_config
 from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.heights import read_heights
 from warp_caustics.io.noise import estimate_noise_std
-from warp_caustics.reconstruct.base import CausticImage, FloatArray
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ from cli.comparison.fields import Field
 from cli.comparison.glass import FAR_SCREEN_M, FarScreen
 from cli.lit_glass import exaggeration, lit_glass
 from cli.overview import BRIGHTEST_PERCENT, rgb_composite
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 MAX_COLUMNS = 10
 """Fields on a sheet."""

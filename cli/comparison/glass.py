@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 FAR_SCREEN_M = 0.01
 """Distance of plate and screen in the pictures [m]; nothing is computed from them."""

@@ -10,16 +10,11 @@ from cli.comparison.fields import Field
 from cli.comparison.specs import FLAT, MethodSpec, Stage
 from warp_caustics.errors import CausticsError, InputError
 from warp_caustics.metrics import relative_residual
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    FloatArray,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-)
-from warp_caustics.reconstruct.transport import with_initial
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
+from warp_caustics.reconstruct.transport.transport import with_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 
 class FlatGuess(Reconstructor):

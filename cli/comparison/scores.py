@@ -6,9 +6,9 @@ from skimage.metrics import structural_similarity
 
 from cli.comparison.fields import Field
 from warp_caustics.metrics import height_errors, relative_residual
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 SSIM_SIGMA = 1.5
 _SSIM_WINDOW = 2 * int(3.5 * SSIM_SIGMA + 0.5) + 1

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from cli.comparison.fields import Field
-from cli.comparison.folds import fold_bin, fold_bins
 from cli.comparison.scores import SCORES
 from cli.console import json_text
+from warp_caustics.fold_fraction import fold_bin, fold_bins
 from warp_caustics.io.atomic import atomic_path
 
 COSTS = {"time_s": "time [s]", "peak_memory_MB": "peak memory [MB]"}

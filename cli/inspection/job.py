@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cli.config import Config
-    from cli.inspection.design import Design
     from cli.reconstruct import Inputs
-    from nets.reconstruct.from_design import DesignResult, FromDesign
+    from nets.inspection.from_design import DesignResult, FromDesign
+    from warp_caustics.inspection.design import Design
     from warp_caustics.inspection.findings import Inspection
 
 EXIT_CODES = {"pass": 0, "fail": EXIT_FAILED, "uncertain": EXIT_FAILED}
@@ -100,7 +100,7 @@ class InspectionJob:
             InputError: options that it does not know.
         """
         if self._method is None:
-            from nets.reconstruct.from_design import DesignOptions, FromDesign
+            from nets.inspection.from_design import DesignOptions, FromDesign
 
             options = DesignOptions(**self.config.reconstruction.options)
             self._method = FromDesign(self.config.scene, options, start_device(self.device))
@@ -156,9 +156,9 @@ class InspectionJob:
 
     def judge(self, found: "DesignResult", inputs: "Inputs") -> "Inspection":
         """Compare a reconstruction with the design."""
-        from data_gen.fibre_findings import fibre_findings
-        from data_gen.line_tolerance import line_limit
         from warp_caustics.inspection.compare import inspect_plate
+        from warp_caustics.inspection.fibres import fibre_findings
+        from warp_caustics.prints.tolerance import line_limit
 
         scene, result = self.config.scene, found.reconstruction
         heights, nominal, lines = result.heights_m, self.design.nominal_m, self.design.lines

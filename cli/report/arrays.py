@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from warp_caustics.inspection.findings import FloatArray
+    from warp_caustics.types import FloatArray
 
 MAP_SAMPLES = 256
 """Longest side of the maps."""

@@ -12,7 +12,7 @@ from cli.report.number import number
 
 if TYPE_CHECKING:
     from cli.report.content import ReportContent
-    from warp_caustics.inspection.findings import FloatArray
+    from warp_caustics.types import FloatArray
 
 _BINS = 81
 _SURFACE_PART = 0.22

@@ -9,8 +9,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from warp_caustics.capture.stage import CaptureStage
-    from warp_caustics.inspection.findings import FloatArray, Inspection
+    from warp_caustics.inspection.findings import Inspection
     from warp_caustics.scene import Scene
+    from warp_caustics.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

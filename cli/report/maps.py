@@ -12,7 +12,8 @@ from cli.report.pictures import map_picture
 
 if TYPE_CHECKING:
     from cli.report.content import ReportContent
-    from warp_caustics.inspection.findings import FloatArray, Region
+    from warp_caustics.inspection.findings import Region
+    from warp_caustics.types import FloatArray
 
 _SHOWN_QUANTILE = 0.998
 _TOLERANCES_SHOWN = 3.0

@@ -12,7 +12,7 @@ from cli.report.arrays import reduced
 from cli.report.colours import MISSING_RGB, palette
 
 if TYPE_CHECKING:
-    from warp_caustics.inspection.findings import FloatArray
+    from warp_caustics.types import FloatArray
 
 CAUSTIC_PIXELS = 768
 STAGE_PIXELS = 256

@@ -10,7 +10,7 @@ from cli.report.pictures import STAGE_PIXELS, light_picture, rgb_channels, white
 
 if TYPE_CHECKING:
     from warp_caustics.capture.stage import CaptureStage
-    from warp_caustics.inspection.findings import FloatArray
+    from warp_caustics.types import FloatArray
 
 _WIDTH = 300.0
 

@@ -11,8 +11,9 @@ from cli.report.summary import mapping
 
 if TYPE_CHECKING:
     from cli.report.content import ReportContent
-    from warp_caustics.inspection.findings import FloatArray, Inspection
+    from warp_caustics.inspection.findings import Inspection
     from warp_caustics.scene import Scene
+    from warp_caustics.types import FloatArray
 
 MAX_TEXT = 300
 """Characters of a setting that is shown."""

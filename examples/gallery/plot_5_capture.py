@@ -15,7 +15,7 @@ import numpy as np
 
 from nets.reconstruct.methods import create
 from warp_caustics import Scene
-from warp_caustics.capture.irradiance import capture_to_irradiance
+from warp_caustics.capture.radiometric import capture_to_irradiance
 from warp_caustics.io import read_heights, read_image
 from warp_caustics.metrics import height_errors
 from warp_caustics.reconstruct.base import CausticImage

@@ -10,9 +10,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from data_gen.fibres import Line, line_relief
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.inspection.compare import inspect_plate
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.methods import create
 

@@ -11,13 +11,14 @@ import torch
 from nets.reconstruct.direct import DirectOptions
 from nets.shipped import shipped_weights
 from warp_caustics.errors import CausticsError, InputError, MismatchError
-from warp_caustics.reconstruct.base import CausticImage, FloatArray, ProgressCallback, Reconstruction, Reconstructor
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.reconstruct.pyramid import check_image
-from warp_caustics.reconstruct.refine_options import RefineOptions
-from warp_caustics.reconstruct.transport import BAD_RESIDUAL, transport_initial, with_initial
+from warp_caustics.reconstruct.refine.options import RefineOptions
+from warp_caustics.reconstruct.transport.transport import BAD_RESIDUAL, transport_initial, with_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
+from warp_caustics.types import FloatArray
 
 Create = Callable[..., Reconstructor]
 """``create`` of the registry: name, scene, device and options to a method."""

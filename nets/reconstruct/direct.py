@@ -15,7 +15,6 @@ from nets.replayed import Replayed
 from nets.shipped import find_network
 from warp_caustics.reconstruct.base import (
     CausticImage,
-    FloatArray,
     Progress,
     ProgressCallback,
     Reconstruction,
@@ -25,6 +24,7 @@ from warp_caustics.reconstruct.base import (
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
 
 BATCH = {"cpu": 4, "cuda": 8}
 """Symmetries at a time."""

@@ -12,11 +12,10 @@ from pydantic import Field
 from nets.glass import possible_heights
 from nets.reconstruct.polish import Polish, PolishOptions, outcome
 from nets.reconstruct.record import Resimulation, as_glass, finished, network_image
-from nets.reconstruct.scene_match import working_scene
+from nets.scene_match import working_scene
 from nets.shipped import FoundNetwork
 from warp_caustics.reconstruct.base import (
     CausticImage,
-    FloatArray,
     Progress,
     ProgressCallback,
     Reconstruction,
@@ -26,6 +25,7 @@ from warp_caustics.reconstruct.base import (
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
 
 
 class IterationOptions(PolishOptions):

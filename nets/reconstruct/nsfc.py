@@ -10,9 +10,9 @@ from nets.reconstruct.iteration import Iterated, IterationOptions, relative
 from nets.shipped import FoundNetwork, find_network
 from nets.weights import WeightsInfo
 from warp_caustics.errors import MismatchError
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
 
 PAPER_ITERATIONS = 10
 

@@ -11,16 +11,18 @@ from functools import cached_property, partial
 from typing import Annotated, Any, Self
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from nets.reconstruct.record import Resimulation
-from warp_caustics.reconstruct.base import FloatArray, ProgressCallback, StopReason
-from warp_caustics.reconstruct.descent_record import DescentRecord, StopDescent
-from warp_caustics.reconstruct.height_descent import HeightDescent
+from warp_caustics.reconstruct.base import ProgressCallback, StopReason
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
-from warp_caustics.reconstruct.refine_options import RefineOptions
+from warp_caustics.reconstruct.refine.descent_record import DescentRecord, StopDescent
+from warp_caustics.reconstruct.refine.height_descent import HeightDescent
+from warp_caustics.reconstruct.refine.options import RefineOptions
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
+from warp_caustics.strict import Strict
+from warp_caustics.types import FloatArray
 
 DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 180}
 """By device, within the time that people wait for; 18 own fields keep improving to 480 (docs/learned.md)."""
@@ -40,10 +42,8 @@ LEAST_GAIN_BESIDE_CAMERA = 0.06
 with a blur of 1 px, became 2.4 um wrong while the residual fell by 5 %; plates 9 to 30 um wrong mostly fall by more."""
 
 
-class PolishOptions(BaseModel):
+class PolishOptions(Strict):
     """Settings of the refinement at the end, and of what every method with networks shares."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     weights: str | None = None
     """Weights file; None takes a shipped one that knows the scene."""

@@ -8,15 +8,16 @@ import torch
 
 from nets.encoding import flat_irradiance
 from warp_caustics.energy import energy_budget
-from warp_caustics.reconstruct.aligned_channels import channels_together, repaired
-from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, FloatArray, Reconstruction, StopReason
-from warp_caustics.reconstruct.channel_camera import ChannelCamera
-from warp_caustics.reconstruct.channel_registration import registered
+from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, Reconstruction, StopReason
 from warp_caustics.reconstruct.exposure import NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
 from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, repaired
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.channel_registration import registered
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 BAD_RESIDUAL = 0.4
 """Own fields of Tab. 3 end below 0.3; more means that the network does not know such images."""

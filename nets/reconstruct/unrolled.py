@@ -11,9 +11,9 @@ from nets.reconstruct.symmetries import all_symmetries, seen_in, turned_back
 from nets.replayed import Replayed
 from nets.shipped import FoundNetwork, find_network
 from nets.training.config import UnrollingConfig
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
 
 
 class UnrolledOptions(IterationOptions):

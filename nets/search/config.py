@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import Field, model_validator
 
 from nets.config import NetworkConfig
-from nets.modern_config import Strict
 from nets.search.space import SearchKind, described_ranges
 from nets.training.config import RunConfig, Seconds
 from warp_caustics.errors import MismatchError
+from warp_caustics.strict import Strict
 
 MIN_EPOCHS = 5
 """Before which no trial is pruned, as in the supplement."""

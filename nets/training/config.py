@@ -8,9 +8,9 @@ from data_gen.config import PatternConfig, ReliefConfig
 from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
-from nets.modern_config import Finite, Strict
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Placement, Scene
+from warp_caustics.strict import Finite, Strict
 
 TrainingKind = Literal["denoiser", "updater", "direct", "unrolled"]
 Precision = Literal["32", "bf16", "16"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_gen.fibres import Line, line_relief
+from warp_caustics.prints.line import Line, line_relief
 
 
 @pytest.fixture(scope="session")

@@ -87,7 +87,7 @@ def test_start_from_transport_is_on_record(inputs, tmp_path, capsys):
 
 def test_ctrl_c_during_the_start_writes_the_start(inputs, tmp_path, monkeypatch):
     """Interrupted before refine began: what transport had found is the result."""
-    from warp_caustics.reconstruct import transport_map
+    from warp_caustics.reconstruct.transport import transport_map
 
     pushed = []
 

@@ -8,11 +8,11 @@ import torch
 
 from data_gen.config import PictureConfig, ReliefConfig, RingsConfig
 from data_gen.dataset_config import sample_generator
-from data_gen.fibres import Line, line_relief
 from data_gen.patterns import RING, draw_strokes, padded
 from data_gen.reliefs import print_strokes
 from warp_caustics import Scene
 from warp_caustics.errors import InputError
+from warp_caustics.prints.line import Line, line_relief
 
 SCENE = Scene(height_samples=64, image_pixels=128)
 

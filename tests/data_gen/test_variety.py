@@ -6,13 +6,13 @@ import torch
 
 from data_gen.config import ReliefConfig, RingsConfig
 from data_gen.dataset_config import DatasetConfig, sample_generator
-from data_gen.fibres import line_profile
 from data_gen.patterns import draw_strokes, padded
 from data_gen.reliefs import print_strokes, printed_relief, traits_of
 from data_gen.samples import Reliefs
 from data_gen.variety import SECTIONS, PrintTraits, PrintVariety, draw_traits, merged, plain_traits, section_height
 from warp_caustics import Scene
 from warp_caustics.errors import InputError
+from warp_caustics.prints.line import line_profile
 
 SCENE = Scene(height_samples=48, image_pixels=96)
 PLATE = SCENE.plate_size_m

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pydantic
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from warp_caustics.capture.border import find_border
 from warp_caustics.capture.distortion import Distortion, Points
@@ -29,8 +29,8 @@ from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.noise import FloatImage
 from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.scene import Scene, validation_lines
+from warp_caustics.strict import Finite, Strict
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Pair = tuple[Finite, Finite]
 
 EXAMPLE = "corners: {-x-y: [10, 12], +x-y: [990, 14], +x+y: [985, 991], -x+y: [8, 987]}"
@@ -41,18 +41,14 @@ MIN_SEARCH_PX = 12.0
 """That radius, at the least [px]."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
-
-
-class KnownPoint(_Strict):
+class KnownPoint(Strict):
     """A place on the screen that someone found in the photo."""
 
     position_m: Pair
     pixel_px: Pair
 
 
-class Marker(_Strict):
+class Marker(Strict):
     """A round mark at a known place."""
 
     position_m: Pair
@@ -60,7 +56,7 @@ class Marker(_Strict):
     """Where it lies in the photo, roughly; without it the lit window's border tells."""
 
 
-class WindowFile(_Strict):
+class WindowFile(Strict):
     """Where the window lies in a photo; exactly one of corners, points and markers."""
 
     corners: dict[str, Pair] | tuple[Pair, ...] | None = None

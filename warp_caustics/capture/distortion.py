@@ -16,15 +16,15 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 import pydantic
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.scene import validation_lines
+from warp_caustics.strict import Finite, Strict
 
 Points = npt.NDArray[np.float64]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Focal = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 EXAMPLE = "{f_px: [3000, 3000], c_px: [1999.5, 1499.5], k1: -0.08}"
@@ -32,10 +32,8 @@ MAX_ITERATIONS = 50
 TOLERANCE_PX = 1e-6
 
 
-class Distortion(BaseModel):
+class Distortion(Strict):
     """A lens: five coefficients, and the camera matrix that they were fitted with."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     f_px: tuple[Focal, Focal]
     """Focal length along x and y [px]."""

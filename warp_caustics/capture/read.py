@@ -9,9 +9,9 @@ from warp_caustics.capture.bracketing import Merged, merged_exposures
 from warp_caustics.capture.corners import located_window, read_window_file
 from warp_caustics.capture.distortion import read_distortion
 from warp_caustics.capture.hot_pixels import odd_among_neighbours, replaced
-from warp_caustics.capture.irradiance import Capture, capture_to_irradiance
 from warp_caustics.capture.mixing import read_mixing
 from warp_caustics.capture.preview import preview
+from warp_caustics.capture.radiometric import Capture, capture_to_irradiance
 from warp_caustics.capture.registration import Registration
 from warp_caustics.capture.settings import AUTO, CaptureSettings, check_consistent, is_capture_file
 from warp_caustics.capture.stage import CaptureStage

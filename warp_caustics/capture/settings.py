@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pydantic
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.scene import validation_lines
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+from warp_caustics.strict import Positive, Strict
 
 AUTO = "auto"
 """Value of ``corners`` that is no file; a file of that name is ./auto."""
@@ -22,11 +21,7 @@ PATHS = ("dark", "flat", "flat_dark", "corners", "distortion", "mixing")
 CAPTURE_SUFFIXES = (".yaml", ".yml")
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
-
-
-class FrameSettings(_Strict):
+class FrameSettings(Strict):
     """One of several frames of the same view."""
 
     file: str
@@ -36,7 +31,7 @@ class FrameSettings(_Strict):
     """Dark frame of the same exposure time; without it the common one."""
 
 
-class CaptureSettings(_Strict):
+class CaptureSettings(Strict):
     """How to read a photo and turn it into irradiance in the scene's window; nothing set: the photo is the window."""
 
     frames: tuple[FrameSettings, ...] = ()

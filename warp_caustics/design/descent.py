@@ -14,13 +14,14 @@ import torch
 from warp_caustics.design.limits import MARGIN, bounded
 from warp_caustics.design.options import DesignOptions
 from warp_caustics.design.smoothness import bending_energy, focusing_strength_m
-from warp_caustics.reconstruct.base import CausticImage, FloatArray
-from warp_caustics.reconstruct.metric import CurvatureMetric
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at
-from warp_caustics.reconstruct.ray_inversion import LightPath
+from warp_caustics.reconstruct.refine.metric import CurvatureMetric
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 MEMORY = 20
 """Past steps that L-BFGS remembers."""

@@ -21,11 +21,12 @@ from warp_caustics.design.options import DesignOptions
 from warp_caustics.design.start import carry_even_light, relief_of, start_cells
 from warp_caustics.energy import energy_budget
 from warp_caustics.errors import InputError
-from warp_caustics.reconstruct.base import FloatArray, ProgressCallback, StopReason
-from warp_caustics.reconstruct.transport import StepLog
-from warp_caustics.reconstruct.transport_map import most_steps
+from warp_caustics.reconstruct.base import ProgressCallback, StopReason
+from warp_caustics.reconstruct.transport.transport import StepLog
+from warp_caustics.reconstruct.transport.transport_map import most_steps
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
 
 CHECK_PATHS_PER_PIXEL = 3
 """Light paths per pixel and axis of the check, and one more per axis: the descent has two, so no path is the same."""

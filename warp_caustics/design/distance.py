@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from warp_caustics.design.start import relief_of
-from warp_caustics.reconstruct.ray_inversion import LightPath
-from warp_caustics.reconstruct.transport_map import TransportMap
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
+from warp_caustics.reconstruct.transport.transport_map import TransportMap
 from warp_caustics.scene import Scene
 
 NEAREST_M, FARTHEST_M = 0.1, 2.0

@@ -7,10 +7,10 @@ import numpy as np
 import scipy.fft
 import skimage.metrics
 
-from warp_caustics.reconstruct.base import FloatArray
-from warp_caustics.reconstruct.ray_inversion import LightPath
-from warp_caustics.reconstruct.transport import relief_on_grid
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
+from warp_caustics.reconstruct.transport.transport import relief_on_grid
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 DARK_PERCENT, BRIGHT_PERCENT = 1.0, 99.0
 """Percentiles of the irradiance that stand for dark and bright in the Michelson contrast."""

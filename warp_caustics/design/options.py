@@ -2,18 +2,16 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from warp_caustics.strict import Positive, Strict
 
 MAX_LIMIT_M = 0.05
 """Higher relief is no plate any more."""
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-
-class DesignOptions(BaseModel):
+class DesignOptions(Strict):
     """What a relief may be, and how long it is looked for."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     max_height_m: Annotated[float, Field(gt=0, le=MAX_LIMIT_M, allow_inf_nan=False)] = 2e-3
     """Highest minus lowest point of the relief, at most [m]."""

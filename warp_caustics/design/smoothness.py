@@ -2,7 +2,7 @@
 
 import torch
 
-from warp_caustics.reconstruct.ray_inversion import LightPath
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
 
 
 def focusing_strength_m(path: LightPath) -> float:

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 
 from warp_caustics.design.target import resampled
-from warp_caustics.reconstruct.base import FloatArray
-from warp_caustics.reconstruct.integrate_normals import heights_of, integrate_slopes
-from warp_caustics.reconstruct.ray_inversion import LightPath
-from warp_caustics.reconstruct.transport import GEOMETRY_STEPS, SETTLED_M, grid_points, relief_on_grid
-from warp_caustics.reconstruct.transport_map import Report, TransportMap, optimal_transport
+from warp_caustics.reconstruct.transport.integrate_normals import heights_of, integrate_slopes
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
+from warp_caustics.reconstruct.transport.transport import GEOMETRY_STEPS, SETTLED_M, grid_points, relief_on_grid
+from warp_caustics.reconstruct.transport.transport_map import Report, TransportMap, optimal_transport
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 
 def start_cells(scene: Scene, most: int) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 import skimage.transform
 
 from warp_caustics.errors import InputError
-from warp_caustics.reconstruct.base import FloatArray
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue (ITU-R BT.709)."""

@@ -5,20 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from warp_caustics.errors import InputError
-from warp_caustics.inspection.findings import FibreFinding, FloatArray, Inspection, Region, Verdict
+from warp_caustics.inspection.findings import FibreFinding, Inspection, Region, Verdict
 from warp_caustics.inspection.regions import regions
-from warp_caustics.inspection.tolerance import (
-    COVERAGE_FACTOR,
-    SMALLEST_CELLS,
-    BoolArray,
-    level,
-    ridges,
-    vertical_limit,
-    zones,
-)
+from warp_caustics.inspection.tolerance import COVERAGE_FACTOR, SMALLEST_CELLS, level, ridges, vertical_limit, zones
 from warp_caustics.materials import density
 from warp_caustics.reconstruct.volume import relief_volume
 from warp_caustics.scene import Scene
+from warp_caustics.types import BoolArray, FloatArray
 
 NOTABLE_LEVEL_M = 1e-6
 """An offset of the level above this is told [m]."""

@@ -1,12 +1,12 @@
 """What an inspection found, as records."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.floating[Any]]
+from warp_caustics.types import FloatArray
 
 Verdict = Literal["pass", "fail", "uncertain"]
 FibreStatus = Literal["as designed", "missing", "extra", "too high", "too low", "displaced", "hidden"]

@@ -7,8 +7,8 @@ import scipy.ndimage
 import skimage.measure
 
 from warp_caustics.height_field import cell_centres
-from warp_caustics.inspection.findings import FloatArray, Region
-from warp_caustics.inspection.tolerance import BoolArray
+from warp_caustics.inspection.findings import Region
+from warp_caustics.types import BoolArray, FloatArray
 
 
 def regions(

@@ -10,13 +10,10 @@ tolerance by its height as soon as it is by its place.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.ndimage
 
 from warp_caustics.errors import InputError
-from warp_caustics.inspection.findings import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
+from warp_caustics.types import BoolArray, FloatArray
 
 COVERAGE_FACTOR = 2.0
 """k: a deviation counts as certain when it exceeds the tolerance by k standard uncertainties."""

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.io.atomic import PathLike, reason, regular_file
+from warp_caustics.types import FloatArray
 
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
@@ -27,8 +28,6 @@ SIZE_TOLERANCE = 0.002
 _M_PER_MM = 1e-3
 _PAIRS = 4_000_000
 """Pairs of triangle and cell looked at in one go."""
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def read_solid(path: PathLike, scene: "Scene") -> FloatArray:
@@ -94,7 +93,7 @@ def top_heights(triangles_m: FloatArray, x_m: FloatArray, y_m: FloatArray) -> Fl
         z [m], shape [H, W]; -inf where there is no triangle.
     """
     top = np.full((len(y_m), len(x_m)), -np.inf)
-    slack = 1e-9 * max(np.ptp(x_m), np.ptp(y_m), 1e-12)
+    slack = 1e-9 * max(float(np.ptp(x_m)), float(np.ptp(y_m)), 1e-12)
     low, high = triangles_m.min(axis=1), triangles_m.max(axis=1)
     first_x, first_y = np.searchsorted(x_m, low[:, 0] - slack), np.searchsorted(y_m, low[:, 1] - slack)
     wide = np.searchsorted(x_m, high[:, 0] + slack, side="right") - first_x

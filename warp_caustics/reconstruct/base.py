@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.floating[Any]]
+from warp_caustics.types import FloatArray
 
 DEEPEST_FRACTION = 0.9
 """Of the plate's thickness is what a trench may be deep: a relief must leave some glass."""

@@ -11,8 +11,9 @@ import dataclasses
 import numpy as np
 import torch
 
-from warp_caustics.reconstruct.base import CausticImage, FloatArray
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.types import FloatArray
 
 NOTICED = 2e-4
 """Smaller deviations are left alone: 18 own fields show up to 1.7e-4 by reliefs that networks found."""

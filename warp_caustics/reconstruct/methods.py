@@ -8,12 +8,12 @@ import torch
 
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import Reconstructor
-from warp_caustics.reconstruct.hcccd import Hcccd, HcccdOptions
-from warp_caustics.reconstruct.refine import Refine
-from warp_caustics.reconstruct.refine_options import RefineOptions
-from warp_caustics.reconstruct.sfc import Sfc
-from warp_caustics.reconstruct.sfc_options import SfcOptions
-from warp_caustics.reconstruct.transport import Transport, TransportOptions
+from warp_caustics.reconstruct.refine.options import RefineOptions
+from warp_caustics.reconstruct.refine.refine import Refine
+from warp_caustics.reconstruct.sfc.options import SfcOptions
+from warp_caustics.reconstruct.sfc.sfc import Sfc
+from warp_caustics.reconstruct.transport.hcccd import Hcccd, HcccdOptions
+from warp_caustics.reconstruct.transport.transport import Transport, TransportOptions
 from warp_caustics.scene import Scene, validation_lines
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import torch
 
 from warp_caustics.errors import InputError, MismatchError
-from warp_caustics.reconstruct.base import CausticImage, FloatArray
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 DARK_FLOOR = 0.05
 """Noise is taken to grow as the root of the irradiance (shot noise), from this irradiance on."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.ndimage
 
-from warp_caustics.reconstruct.base import FloatArray
+from warp_caustics.types import FloatArray
 
 BOX = 5
 """Side of the box mean, in samples: SfC's."""

@@ -4,9 +4,10 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import BORDER
 from nets.reconstruct.fibres.search import FINE_PHOTONS_PER_PIXEL
-from warp_caustics.reconstruct.base import CausticImage, FloatArray
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 EXPLAINED = 1.5
 """Discrepancy below which nothing but noise is left: the true reliefs of six own plates have 1.00 to 1.23, those found

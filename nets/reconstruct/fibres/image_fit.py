@@ -8,16 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.optimize
 import torch
 
-from data_gen.vectorise.model import LineModel
+from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene
-
-FloatArray = npt.NDArray[np.float64]
+from warp_caustics.types import FloatArray
 
 RIDGE = 1e-2
 """Added to the normal matrix of the heights, relative to its diagonal: keeps lines on top of each other apart."""

@@ -8,10 +8,10 @@ line, the image says.
 
 import torch
 
-from data_gen.vectorise.model import LineModel
-from data_gen.vectorise.proposals import proposed_lines
-from data_gen.vectorise.robust import fit_lines
 from nets.reconstruct.fibres.image_fit import Fitted, ImageFit
+from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.vectorise.proposals import proposed_lines
+from warp_caustics.prints.vectorise.robust import fit_lines
 
 ROUNDS = 4
 """In which lines are proposed anew, at most."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import torch
 from scipy import ndimage
 
-from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
+from warp_caustics.prints.vectorise.model import LineModel
 
 LENGTHS_MM = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
 FACTORS = (0.6, 1.5)

@@ -16,34 +16,34 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from data_gen.config import Profile
-from data_gen.vectorise import lines_of_relief
-from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.image_fit import TimeUp
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
-from nets.reconstruct.from_design_uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
+from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.polish import Polish, outcome
 from nets.reconstruct.record import Resimulation, as_glass, finished
 from nets.reconstruct.uncertainty import DIRECT
+from warp_caustics.prints.line import Section
+from warp_caustics.prints.vectorise import lines_of_relief
+from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
-    FloatArray,
     Progress,
     ProgressCallback,
     Reconstruction,
     Reconstructor,
     StopReason,
 )
-from warp_caustics.reconstruct.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
 
-    profile: Profile = "cosine"
+    profile: Section = "cosine"
     """Of a line across."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""

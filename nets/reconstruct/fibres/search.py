@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import torch
 
-from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
+from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 

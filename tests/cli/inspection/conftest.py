@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cli.inspection.job
-from data_gen.line_fit import FittedLine
-from nets.reconstruct.from_design import DesignResult
+from nets.inspection.from_design import DesignResult
+from warp_caustics.prints.fit import FittedLine
 from warp_caustics.reconstruct.base import Reconstruction
 
 CONFIG = ("--config", "small", "--device", "cpu", "--tolerance", "50um")

@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from data_gen.fibres import Line, line_relief
 from nets.architecture import build
 from nets.config import NetworkConfig
 from nets.family_config import DenoiserConfig, UpdaterConfig
 from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.weights import save_weights
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from data_gen.vectorise.model import LineModel
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.search import Answer, LineSearch
+from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

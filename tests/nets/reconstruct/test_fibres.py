@@ -5,13 +5,13 @@ import pytest
 import torch
 
 import nets.reconstruct.direct as direct_module
-from data_gen.vectorise.model import LineModel
 from nets.reconstruct.direct import BATCH
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
 from nets.reconstruct.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
+from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

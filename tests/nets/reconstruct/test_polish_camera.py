@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from data_gen.fibres import Line, line_relief
 from nets.reconstruct.methods import create
 from nets.reconstruct.polish import Polish, PolishOptions
 from nets.reconstruct.record import Resimulation
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

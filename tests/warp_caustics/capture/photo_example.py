@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data_gen.fibres import line_relief
 from warp_caustics.io import write_image
+from warp_caustics.prints.line import line_relief
 
 
 def write_frames(folder: Path, pixels: int = 512, width: int = 1500, height: int = 1300) -> None:

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from data_gen.fibres import Line, line_relief
 from warp_caustics.io import ImageFile
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.scene import Scene
 
 LINES = [

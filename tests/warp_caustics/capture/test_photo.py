@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from warp_caustics.capture.corners import located_window
 from warp_caustics.capture.distortion import Distortion
-from warp_caustics.capture.irradiance import capture_to_irradiance
+from warp_caustics.capture.radiometric import capture_to_irradiance
 from warp_caustics.capture.read import _brightness
 from warp_caustics.capture.registration import CORNER_SIGNS, fitted_registration
 from warp_caustics.capture.resample import planned, to_window

@@ -5,12 +5,12 @@ import pytest
 import torch
 from scipy import ndimage
 
-from data_gen.fibres import Line, line_relief
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.capture.calibration import Work
-from warp_caustics.capture.irradiance import capture_to_irradiance
+from warp_caustics.capture.radiometric import capture_to_irradiance
 from warp_caustics.capture.sharpening import sharpen, wiener
 from warp_caustics.io.image_file import ImageFile
+from warp_caustics.prints.line import Line, line_relief
 
 SCENE = Scene(height_samples=32, image_pixels=128)
 FINE = 4

@@ -7,8 +7,8 @@ import pytest
 
 from warp_caustics.capture.bracketing import merged_exposures
 from warp_caustics.capture.hot_pixels import dead_in_flat, hot_in_dark, odd_among_neighbours
-from warp_caustics.capture.irradiance import capture_to_irradiance
 from warp_caustics.capture.mixing import Mixing, read_mixing, unmixed
+from warp_caustics.capture.radiometric import capture_to_irradiance
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io import ImageFile
 

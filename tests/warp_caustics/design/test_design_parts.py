@@ -13,7 +13,7 @@ from warp_caustics.design.limits import MARGIN, bounded
 from warp_caustics.design.smoothness import bending_energy, focusing_strength_m
 from warp_caustics.design.start import carry_even_light, relief_of
 from warp_caustics.height_field import cell_centres
-from warp_caustics.reconstruct.ray_inversion import LightPath
+from warp_caustics.reconstruct.transport.ray_inversion import LightPath
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 

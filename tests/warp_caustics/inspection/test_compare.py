@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from data_gen.fibres import Line, line_relief
 from warp_caustics.errors import InputError
 from warp_caustics.inspection.compare import inspect_plate
 from warp_caustics.inspection.findings import FibreFinding
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=64, image_pixels=64)

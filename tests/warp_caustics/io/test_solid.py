@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_gen.fibres import Line, line_relief
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.mesh import height_field_mesh, write_mesh
 from warp_caustics.io.solid import read_solid, top_heights
+from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=24, image_pixels=24, plate_size_m=(0.05, 0.04), base_thickness_m=2e-3)

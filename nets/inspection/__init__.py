@@ -1,0 +1,1 @@
+"""Inspection of a plate whose design is known."""

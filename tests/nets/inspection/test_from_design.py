@@ -1,0 +1,194 @@
+"""Reconstruction with a design, and the choice between reliefs part by part."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from nets.inspection.from_design import DesignOptions, FromDesign, as_rows, limits_around
+from nets.inspection.selection import MisfitMap, better_parts, parts
+from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy, is_explained
+from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
+from nets.reconstruct.uncertainty import DIRECT
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.vectorise.model import Limits, LineModel
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.resampling import resampled
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+SCENE = Scene(height_samples=32, image_pixels=64)
+TWO = [Line((-0.018, -0.015), (-0.018, 0.015), 5e-3, 3e-4), Line((0.015, -0.012), (0.015, 0.015), 5e-3, 2e-4)]
+
+
+def relief(*lines):
+    return line_relief(lines, 32, SCENE.plate_size_m)
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return CausticSimulator(SCENE, "lattice")
+
+
+def image_of(heights, simulator):
+    return CausticImage(simulator(torch.tensor(heights, dtype=torch.float32)).numpy(), np.full(3, 0.01))
+
+
+def test_lines_are_fitted_to_channels_that_lie_together(method, simulator):
+    """Red and blue half a pixel apart from green: as good as an image whose channels never were apart."""
+    free = FreeOfCamera(relief(*TWO), np.full((32, 32), 1e-6))
+    free.camera = ChannelCamera.perfect(3, 64)
+    free.camera.shift[0], free.camera.shift[2] = (0.5, 0.2), (-0.3, -0.4)
+    image = image_of(relief(*TWO), simulator)
+    shift = torch.tensor(free.camera.shift)
+    moved = resampled(torch.tensor(image.irradiance).double(), shift, torch.zeros(3), torch.zeros(3).double(), 4)
+    method.free, method.options = free, method.options.model_copy(update={"fit_lines": None})
+    found = method.reconstruct(CausticImage(moved.numpy(), image.noise_std), relief(*TWO), TWO).reconstruction
+    assert found.counters["camera"]["shift_px"] == free.camera.shift.tolist()
+    assert found.counters["explained_by_lines"] and np.abs(found.heights_m - relief(*TWO)).max() < 1e-5
+    method.free = Free(relief(*TWO), free.spread)
+    control = method.reconstruct(CausticImage(moved.numpy(), image.noise_std), relief(*TWO), TWO).reconstruction
+    assert control.residual > 1.5 * found.residual
+
+
+def test_misfit_is_where_the_relief_is_wrong(simulator):
+    misfit = MisfitMap(simulator, image_of(relief(*TWO), simulator))
+    assert misfit(relief(*TWO)).max() < 1e-6
+    wrong = misfit(relief(TWO[0]))
+    assert wrong[:, :12].sum() < 0.02 * wrong[:, 16:].sum()
+
+
+def test_parts_are_connected_and_not_tiny():
+    difference = np.zeros((32, 32))
+    difference[2:5, 2:5] = 1e-4
+    difference[5, 5] = -1e-4  # across the corner
+    difference[20, 20] = 1e-4  # alone
+    labels = parts(difference, 5e-5)
+    assert labels.max() == 1 and (labels > 0).sum() == 10
+
+
+def test_each_part_comes_from_the_relief_that_fits_there(simulator):
+    """Either candidate lacks one of two lines."""
+    misfit = MisfitMap(simulator, image_of(relief(*TWO), simulator))
+    first, second = relief(TWO[0]), relief(TWO[1])
+    found = better_parts(misfit, first, [second], SCENE.sample_pitch_m[0], rounds=2)
+    assert np.abs(found - relief(*TWO)).max() < 5e-5 < np.abs(first - relief(*TWO)).max()
+    assert misfit(found).sum() < 0.3 * misfit(first).sum()
+
+
+def test_a_worse_candidate_changes_nothing(simulator):
+    misfit = MisfitMap(simulator, image_of(relief(*TWO), simulator))
+    found = better_parts(misfit, relief(*TWO), [relief(TWO[0]), np.zeros((32, 32))], SCENE.sample_pitch_m[0])
+    np.testing.assert_array_equal(found, relief(*TWO))
+
+
+class Free:
+    """Stands in for a method that knows no design: answers what it is given."""
+
+    name = "direct"
+
+    def __init__(self, answer, spread):
+        self.answer, self.spread = answer, spread
+
+    def reconstruct(self, image, *, initial=None, progress=None):
+        sigma = DIRECT.scale / SPREADS * self.spread
+        return Reconstruction("direct", self.answer, image.irradiance, 0.1, "converged", uncertainty_m=sigma)
+
+
+class FreeOfCamera(Free):
+    """One that also finds what the camera did."""
+
+    camera = ChannelCamera.perfect(3, 64)
+
+    def reconstruct(self, image, *, initial=None, progress=None):
+        found = super().reconstruct(image)
+        return dataclasses.replace(found, counters={"camera": self.camera.record})
+
+
+@pytest.fixture(scope="module")
+def method():
+    return FromDesign(SCENE, DesignOptions(coarse_iterations=0, iterations=3, step_m=1e-6))
+
+
+@pytest.mark.parametrize(
+    ("lines", "fit_lines", "kind", "largest_m", "exposure"),
+    [
+        (TWO, None, EXPLAINED_LINES, 5e-6, 1.0),
+        (TWO, None, EXPLAINED_LINES, 5e-6, 0.94),
+        (TWO, False, LINES, 3e-5, 1.0),
+        ([], None, RELIEF, 3e-5, 1.0),
+        ([], None, RELIEF, 3e-5, 1.06),
+    ],
+)
+def test_a_missing_fibre_is_found_and_the_design_corrects_the_rest(
+    method, simulator, lines, fit_lines, kind, largest_m, exposure
+):
+    """The free answer sees that the second line is missing, and errs on the first, which the design knows."""
+    answer = relief(TWO[0]).copy()
+    answer[8:14, 2:7] += 1e-4
+    spread = np.full((32, 32), 1e-6)
+    spread[8:14, 2:7] = 5e-5
+    method.free, method.options = Free(answer, spread), method.options.model_copy(update={"fit_lines": fit_lines})
+    image = image_of(relief(TWO[0]), simulator)
+    image = CausticImage(image.irradiance * np.float32(exposure), image.noise_std)
+    found = method.reconstruct(image, relief(*TWO), lines)
+    np.testing.assert_allclose(found.reconstruction.counters["exposure"], exposure, rtol=1e-3)
+    heights = found.reconstruction.heights_m
+    assert np.abs(heights - relief(TWO[0])).max() < largest_m
+    assert len(found.lines) == len(lines)
+    if lines:
+        assert found.lines[1].line.height_m < 1e-5 and found.lines[0].height_error_m == pytest.approx(0, abs=1e-5)
+    np.testing.assert_allclose(found.reconstruction.uncertainty_m, design_uncertainty(spread, kind), rtol=1e-6)
+
+
+def test_what_is_no_line_is_not_explained_by_lines_and_is_found_all_the_same(method, simulator):
+    """A drop beside the lines: the lines leave a part of the image, so parts of the network's answer are taken.
+
+    Most of the image is as the lines say: its RMS is within the noise.
+    """
+    y, x = np.mgrid[:32, :32]
+    truth = relief(*TWO) + 3e-4 * np.exp(-((y - 16) ** 2 + (x - 16) ** 2) / (2 * 2.0**2))
+    method.free = Free(truth + 2e-6, np.full((32, 32), 1e-6))
+    method.options = method.options.model_copy(update={"fit_lines": None})
+    found = method.reconstruct(image_of(truth, simulator), relief(*TWO), TWO).reconstruction
+    assert found.counters["discrepancy"] < EXPLAINED
+    assert np.abs(found.heights_m - truth)[12:21, 12:21].max() < 2e-5
+    np.testing.assert_allclose(found.uncertainty_m, design_uncertainty(np.full((32, 32), 1e-6), LINES), rtol=1e-6)
+
+
+def test_left_of_an_image_in_units_of_its_noise(simulator):
+    truth = relief(*TWO)
+    clean = simulator(torch.tensor(truth, dtype=torch.float32)).numpy()
+    rng = np.random.default_rng(1)
+    image = CausticImage(clean + rng.normal(0, 0.01, clean.shape).astype(np.float32), np.full(3, 0.01))
+    left = Discrepancy(SCENE, image, "cpu")
+    assert left(truth) == pytest.approx(1, abs=0.02) and is_explained(left(truth))
+    assert left(relief(TWO[0])) > EXPLAINED and not is_explained(left(relief(TWO[0])))
+    unknown = Discrepancy(SCENE, CausticImage(image.irradiance), "cpu")
+    assert unknown(truth) is None and not is_explained(unknown(truth))
+
+
+def test_lines_of_a_design_are_never_out_of_the_limits():
+    large = Line((-0.03, 0.0), (0.03, 0.001), 6e-3, 4e-3)
+    thin = Line((0.0, 0.0), (0.01, 0.0), 5e-5, 1e-4)
+    model = LineModel(SCENE, limits=limits_around([large, thin], SCENE.plate_size_m))
+    rows = as_rows([large, thin])
+    assert torch.equal(model.clamped(rows), rows)
+    assert limits_around([], SCENE.plate_size_m) == Limits()
+
+
+def test_ctrl_c_returns_what_is_there(method, simulator):
+    def stop(state):
+        raise KeyboardInterrupt
+
+    method.free = Free(relief(*TWO), np.full((32, 32), 1e-6))
+    found = method.reconstruct(image_of(relief(*TWO), simulator), relief(*TWO), progress=stop)
+    assert found.reconstruction.stop_reason == "interrupted"
+
+
+def test_uncertainty_grows_with_the_spread_and_has_a_floor():
+    sigma = design_uncertainty(np.array([[0.0, 1e-6], [1e-5, 1e-4]]), LINES)
+    assert sigma[0, 0] == LINES.floor_m and sigma[0, 1] == pytest.approx(LINES.scale_m)
+    assert sigma[0, 1] < sigma[1, 0] < sigma[1, 1]

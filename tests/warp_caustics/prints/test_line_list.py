@@ -1,0 +1,69 @@
+"""Designs as lists of lines."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from warp_caustics.errors import InputError
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.line_list import read_lines, write_lines
+
+EXAMPLES = Path(__file__).parents[3] / "examples" / "data"
+NAMES = "start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_um"
+
+
+def test_the_example_is_the_print():
+    lines = read_lines(EXAMPLES / "printed_lines.csv")
+    relief = line_relief(lines, 128, (0.05, 0.05), supersampling=1)
+    np.testing.assert_allclose(relief, np.load(EXAMPLES / "true_heights.npy"), atol=1e-12)
+
+
+def test_units_stand_in_the_names(tmp_path):
+    (tmp_path / "a.csv").write_text(f"\ufeff{NAMES}\n-10,0,10.5,2,1.5,300\n\n")
+    (tmp_path / "b.yaml").write_text(
+        "lines:\n- {start_x_m: -0.01, start_y_m: 0, end_x_mm: 10.5, end_y_um: 2000, width_mm: 1.5, height_mm: 0.3}\n"
+    )
+    (a,), (b,) = read_lines(tmp_path / "a.csv"), read_lines(tmp_path / "b.yaml")
+    wanted = Line((-0.01, 0.0), (0.0105, 0.002), 1.5e-3, 3e-4)
+    for line in (a, b):
+        np.testing.assert_allclose(
+            (*line.start_m, *line.end_m, line.width_m, line.height_m),
+            (*wanted.start_m, *wanted.end_m, wanted.width_m, wanted.height_m),
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.csv", "", "is empty"),
+        ("a.csv", NAMES + "\n", "holds no lines"),
+        ("a.csv", NAMES + "\n1,2,3\n", "row 2 has 3 values, the first row 6 names"),
+        ("a.csv", NAMES + "\n0,0,1,1,x,300\n", "row 2: width_mm is 'x', not a finite number"),
+        ("a.csv", NAMES + "\n0,0,1,1,nan,300\n", "width_mm is 'nan'"),
+        ("a.csv", NAMES.replace("width_mm", "width") + "\n0,0,1,1,1,1\n", "column 'width' is not known"),
+        ("a.csv", NAMES.replace(",height_um", "") + "\n0,0,1,1,1\n", "height missing; give each with a unit"),
+        ("a.csv", NAMES.replace("height_um", "width_m") + "\n0,0,1,1,1,1\n", "width is given twice"),
+        ("a.csv", NAMES.replace("mm", "m") + "\n-10,0,10,2,1,300\n", "above 1 m; check the units"),
+        ("a.csv", NAMES + "\n0,0,1,1,0,300\n", "needs a width above 0"),
+        ("a.yaml", "{lines: 3}", "is no list of mappings"),
+        ("a.yaml", "a: [", "is no YAML"),
+        ("a.txt", "x", "is no list of lines; give .csv"),
+    ],
+)
+def test_errors_name_the_place(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_lines(tmp_path / name)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_what_is_written_is_read(tmp_path):
+    lines = [Line((-0.0123456, 0.02), (0.001, -0.025), 4.05e-4, 8.9e-4), Line((0.0, 0.0), (0.01, 0.0), 1e-3, 0.0)]
+    write_lines(tmp_path / "lines.csv", lines)
+    for found, line in zip(read_lines(tmp_path / "lines.csv"), lines, strict=True):
+        for name in ("start_m", "end_m", "width_m", "height_m"):
+            assert getattr(found, name) == pytest.approx(getattr(line, name), abs=1e-8)
+    write_lines(tmp_path / "none.csv", [])
+    with pytest.raises(InputError, match="holds no lines"):
+        read_lines(tmp_path / "none.csv")

@@ -1,0 +1,110 @@
+"""Where light paths cross: the light map of a plate turns over, and with it the sign of its Jacobian determinant."""
+
+import numpy as np
+import torch
+
+from warp_caustics.height_field import basis_matrix, cell_centres, prefilter_matrix, sample_coordinate
+from warp_caustics.oracle import incident_direction, refract
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+POINTS_PER_SAMPLE = 2
+"""Points of the plate per height sample and axis: the spline's curvature is piecewise linear between samples."""
+
+CHUNK = 2**16
+
+FOLD_BINS = (0.03, 0.1)
+"""Bounds between few, some and many folds. The ten test fields: two, five and three."""
+
+
+def fold_fraction(heights_m: FloatArray, scene: Scene) -> float:
+    """Share of the plate whose light map to the screen has a negative Jacobian determinant, at the middle wavelength.
+
+    Light that is totally reflected has no map and does not count. Exact derivatives of spline and refraction.
+
+    Args:
+        heights_m: relief above the base [m], shape [n, n].
+        scene: the set-up.
+    """
+    determinants = jacobian_determinants(heights_m, scene)
+    return float((determinants < 0).mean())
+
+
+def fold_bin(fraction: float) -> str:
+    """Name of the bin of a fold fraction."""
+    low, high = FOLD_BINS
+    if fraction < low:
+        return f"below {low:.0%}"
+    return f"{low:.0%} to {high:.0%}" if fraction < high else f"{high:.0%} and more"
+
+
+def fold_bins() -> tuple[str, ...]:
+    """Names of all bins, few folds first."""
+    return tuple(fold_bin(fraction) for fraction in (0.0, FOLD_BINS[0], 1.0))
+
+
+def jacobian_determinants(heights_m: FloatArray, scene: Scene) -> FloatArray:
+    """Jacobian determinant of the map plate -> screen on a grid, shape [2 n, 2 n]; NaN at total reflection."""
+    points, height, slope, bend = _surface(heights_m.astype(np.float64), scene)
+    chunks = [
+        _determinant(points[part], height[part], slope[part], bend[part], scene)
+        for part in (slice(first, first + CHUNK) for first in range(0, len(points), CHUNK))
+    ]
+    side = POINTS_PER_SAMPLE * scene.height_samples
+    found: FloatArray = torch.cat(chunks).reshape(side, side).numpy()
+    return found
+
+
+def _surface(heights: FloatArray, scene: Scene) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Points [N, 2] [m], spline [N] [m], its slopes [N, 2] and second derivatives [N, 2, 2] [1/m]."""
+    n, (width, length) = scene.height_samples, scene.plate_size_m
+    prefilter = prefilter_matrix(n)
+    coefficients = prefilter @ heights @ prefilter.T
+    x, y = (cell_centres(POINTS_PER_SAMPLE * n, size) for size in (width, length))
+    along_x = [basis_matrix(n, sample_coordinate(x, n, width), k) * (n / width) ** k for k in range(3)]
+    along_y = [basis_matrix(n, sample_coordinate(y, n, length), k) * (n / length) ** k for k in range(3)]
+
+    def derivative(in_x: int, in_y: int) -> FloatArray:
+        values: FloatArray = (along_y[in_y] @ coefficients @ along_x[in_x].T).ravel()
+        return values
+
+    mixed = derivative(1, 1)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    slope = np.stack([derivative(1, 0), derivative(0, 1)], axis=-1)
+    bend = np.stack([derivative(2, 0), mixed, mixed, derivative(0, 2)], axis=-1).reshape(-1, 2, 2)
+    return (
+        torch.from_numpy(points),
+        torch.from_numpy(derivative(0, 0)),
+        torch.from_numpy(slope),
+        torch.from_numpy(bend),
+    )
+
+
+def _determinant(
+    points: torch.Tensor, height: torch.Tensor, slope: torch.Tensor, bend: torch.Tensor, scene: Scene
+) -> torch.Tensor:
+    """Determinants, shape [N]: forward derivatives along x and y with the surface moving along."""
+    landing = torch.func.vmap(lambda p, h, s: _landing(p, h, s, scene))
+    columns: list[torch.Tensor] = []
+    for axis in (0, 1):
+        step = torch.zeros_like(points)
+        step[:, axis] = 1.0
+        tangents = step, slope[:, axis], bend[:, :, axis]
+        columns.append(torch.func.jvp(landing, (points, height, slope), tangents)[1])
+    along_x, along_y = columns
+    found: torch.Tensor = along_x[:, 0] * along_y[:, 1] - along_x[:, 1] * along_y[:, 0]
+    return found
+
+
+def _landing(point: torch.Tensor, height: torch.Tensor, slope: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """Where light through a point [2] of height [] [m] and slope [2] meets the screen [m], shape [2]."""
+    middle = int(np.argsort(scene.wavelengths_m)[scene.n_wavelengths // 2])
+    glass, outside = scene.glass_indices[middle], scene.exit_indices[middle]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
+    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
+    normal = normal / torch.linalg.vector_norm(normal)
+    inside = refract(incident_direction(position, scene), normal, 1.0, glass)
+    position = position + inside * (position[2] / -inside[2])
+    upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    below = refract(inside, upward, glass, outside)
+    return (position + below * ((position[2] - scene.screen_position_m[2]) / -below[2]))[:2]

@@ -1,0 +1,156 @@
+"""The design of a plate, from a height map, a solid or a list of lines; and the part of the plate that is judged."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from warp_caustics.errors import InputError, MismatchError
+
+SAME_M = 2e-6
+"""A map is made of lines if they differ from it by no more than this [m]."""
+
+if TYPE_CHECKING:
+    from warp_caustics.prints.line import Line
+    from warp_caustics.scene import Scene
+    from warp_caustics.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What was meant to be printed.
+
+    Attributes:
+        nominal_m: relief [m], shape [n, n].
+        lines: of which it consists, empty if the file does not tell.
+        how: one line on where it comes from.
+    """
+
+    nominal_m: "FloatArray"
+    lines: "tuple[Line, ...]"
+    how: str
+
+
+def read_design(path: str, scene: "Scene") -> Design:
+    """Read a design on a scene's samples.
+
+    Args:
+        path: list of lines (.csv, .yaml), solid in millimetres (.stl, .ply, .obj), or height map in metres.
+        scene: gives plate size and number of samples.
+
+    Raises:
+        InputError: a file that cannot be used.
+        MismatchError: a solid of another size.
+    """
+    from warp_caustics.io.heights import read_heights
+    from warp_caustics.io.solid import is_solid, read_solid
+    from warp_caustics.prints.line import line_relief
+    from warp_caustics.prints.line_list import is_line_list, read_lines
+
+    n = scene.height_samples
+    if is_line_list(path):
+        lines = tuple(read_lines(path))
+        relief = line_relief(lines, n, scene.plate_size_m)
+        return _checked(Design(relief, lines, f"{len(lines)} printed lines of {path!r}"), path, scene)
+    if is_solid(path):
+        how = f"top surface of {path!r}, read as millimetres, above a base of {scene.base_thickness_m * 1e3:g} mm"
+        return _checked(Design(read_solid(path, scene), (), how), path, scene)
+    heights: FloatArray = read_heights(path)
+    how = f"height map {path!r}"
+    if len(heights) != n:
+        how += f", resampled from {len(heights)} to {n} samples per side ({_method(len(heights), n)})"
+        heights = resampled(heights, n)
+    return _checked(Design(heights, (), how), path, scene)
+
+
+def with_lines(design: Design, path: str, scene: "Scene") -> Design:
+    """A design with the printed lines that its relief is made of; one that has them already stays as it is.
+
+    Args:
+        design: on the scene's samples.
+        path: of its file, for messages.
+        scene: gives plate size and number of samples.
+
+    Raises:
+        MismatchError: lines do not make the relief to within ``SAME_M``.
+    """
+    import torch
+
+    from warp_caustics.prints.line import Line
+    from warp_caustics.prints.vectorise import lines_of_relief
+    from warp_caustics.prints.vectorise.model import Limits, LineModel
+
+    if design.lines:
+        return design
+    limits = Limits(width_mm=(0.05, 10.0), height_mm=(0.005, 10.0))
+    model, relief = LineModel(scene, limits=limits), torch.tensor(design.nominal_m)
+    rows = lines_of_relief(model, relief, torch.zeros_like(relief))
+    error = float((1e-3 * model.heights(rows).double() - relief).abs().max())
+    if error > SAME_M:
+        raise MismatchError(
+            f"the {len(rows)} printed lines found in design {path!r} differ from it by up to {error * 1e6:.3g} um; "
+            "leave --find-lines out, or give the list of lines"
+        )
+    lines = tuple(Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in (1e-3 * rows).tolist())
+    return Design(design.nominal_m, lines, f"{design.how}, made of {len(lines)} printed lines")
+
+
+def _checked(design: Design, path: str, scene: "Scene") -> Design:
+    lowest, highest = float(design.nominal_m.min()), float(design.nominal_m.max())
+    if lowest <= -0.9 * scene.base_thickness_m:
+        raise InputError(f"design {path!r} goes {-lowest * 1e3:.4g} mm below the plate's top; check units and base")
+    if highest == lowest:
+        raise InputError(f"design {path!r} is flat, there is nothing to compare with; check the file and its units")
+    return design
+
+
+def _method(old: int, new: int) -> str:
+    return "mean of blocks" if old % new == 0 else "linear between cell centres, smoothed before where it gets coarser"
+
+
+def resampled(heights_m: "FloatArray", samples: int) -> "FloatArray":
+    """A height map [m], shape [k, k], on samples x samples cells of the same plate."""
+    from skimage.transform import downscale_local_mean, resize
+
+    old = len(heights_m)
+    if old % samples == 0:
+        blocks: FloatArray = downscale_local_mean(heights_m, (old // samples, old // samples))
+        return blocks
+    smooth = old > samples
+    linear: FloatArray = resize(
+        heights_m, (samples, samples), order=1, mode="edge", anti_aliasing=smooth, preserve_range=True
+    )
+    return linear
+
+
+def judged_part(mask: str | None, margin_m: float, scene: "Scene") -> npt.NDArray[np.bool_]:
+    """Where the plate is judged, shape [n, n].
+
+    Args:
+        mask: image or height map, nonzero is judged; row 0 is the lowest y. None judges everywhere.
+        margin_m: width of the border that is not judged [m].
+        scene: gives plate size and number of samples.
+
+    Raises:
+        InputError: unreadable, not square, or nothing is left to judge.
+    """
+    from warp_caustics.height_field import cell_centres
+    from warp_caustics.io.images import read_image
+
+    n = scene.height_samples
+    judged = np.ones((n, n), bool)
+    if mask is not None:
+        marked = (read_image(mask).values != 0).any(axis=0)
+        if marked.shape[0] != marked.shape[1]:
+            height, width = marked.shape
+            raise InputError(f"mask {mask!r} is {width} x {height} pixels; give a square one of the plate")
+        nearest = ((np.arange(n) + 0.5) * len(marked) / n).astype(int)
+        judged = marked[np.ix_(nearest, nearest)]
+    inside = [np.abs(cell_centres(n, size)) <= size / 2 - margin_m for size in scene.plate_size_m]
+    judged = judged & inside[1][:, None] & inside[0][None, :]
+    if not judged.any():
+        where = f"mask {Path(mask).name!r}" if mask is not None else f"margin of {margin_m * 1e3:g} mm"
+        raise InputError(f"{where} leaves nothing of the plate to judge; mark the judged part, or lower --margin")
+    return judged

@@ -1,0 +1,138 @@
+"""A design as a list of printed lines, in a CSV or YAML file.
+
+The unit stands in the name of a column or key: start_x, start_y, end_x, end_y,
+width and height, each with _m, _mm or _um, from the plate's centre. CSV has one
+line of names and one row per printed line; YAML is a list of mappings with
+these keys, or a mapping whose key ``lines`` holds it.
+"""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from warp_caustics.errors import InputError
+from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
+from warp_caustics.prints.line import MAX_LINES, Line
+
+QUANTITIES = ("start_x", "start_y", "end_x", "end_y", "width", "height")
+UNITS_M = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+SUFFIXES = (".csv", ".yaml", ".yml")
+MAX_BYTES = 10_000_000
+
+
+def read_lines(path: PathLike) -> list[Line]:
+    """Read a list of printed lines.
+
+    Args:
+        path: .csv, .yaml or .yml.
+
+    Returns:
+        Lines in the order of the file [m].
+
+    Raises:
+        InputError: unreadable, a missing or unknown column, or a value that makes no line.
+    """
+    file = regular_file(path)
+    name = repr(str(path))
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{name} is no list of lines; give {', '.join(SUFFIXES)}")
+    if file.stat().st_size > MAX_BYTES:
+        raise InputError(f"{name} is larger than {MAX_BYTES // 1_000_000} MB; a list of lines is not, check the file")
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name} is no text in UTF-8 ({reason(error)}); export it again") from error
+    rows = _csv_rows(text, name) if file.suffix.lower() == ".csv" else _yaml_rows(text, name)
+    if not rows:
+        raise InputError(f"{name} holds no lines; give at least one")
+    if len(rows) > MAX_LINES:
+        raise InputError(f"{name} holds {len(rows)} lines, at most {MAX_LINES} are read; split the design")
+    return [_line(row, f"{name}, {where}") for where, row in rows]
+
+
+def write_lines(path: PathLike, lines: Sequence[Line]) -> None:
+    """Write a list of printed lines as CSV in millimetres, as :func:`read_lines` reads it; complete or not at all.
+
+    Args:
+        path: .csv.
+        lines: any number.
+    """
+    with atomic_path(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow([f"{quantity}_mm" for quantity in QUANTITIES])
+        for line in lines:
+            numbers = (*line.start_m, *line.end_m, line.width_m, line.height_m)
+            table.writerow([f"{1e3 * number:.5f}" for number in numbers])
+
+
+def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
+    try:
+        table = list(csv.reader(text.splitlines(), strict=True))
+    except csv.Error as error:
+        raise InputError(f"{name} is no CSV ({reason(error)}); separate values by commas") from error
+    filled = [(number, row) for number, row in enumerate(table, 1) if any(cell.strip() for cell in row)]
+    if not filled:
+        return []
+    header = [cell.strip() for cell in filled[0][1]]
+    rows: list[tuple[str, Mapping[str, Any]]] = []
+    for number, row in filled[1:]:
+        if len(row) != len(header):
+            raise InputError(f"{name}, row {number} has {len(row)} values, the first row {len(header)} names; mend it")
+        rows.append((f"row {number}", dict(zip(header, row, strict=True))))
+    return rows
+
+
+def _yaml_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
+    import yaml
+
+    try:
+        tree = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"{name} is no YAML ({reason(error)}); check its indentation") from error
+    if isinstance(tree, dict) and set(tree) == {"lines"}:
+        tree = tree["lines"]
+    if tree is None:
+        return []
+    if not isinstance(tree, list) or not all(isinstance(entry, dict) for entry in tree):
+        raise InputError(f"{name} is no list of mappings; write '- {{start_x_mm: -10, start_y_mm: 0, ...}}' per line")
+    return [(f"line {number}", entry) for number, entry in enumerate(tree, 1)]
+
+
+def _line(row: Mapping[str, Any], where: str) -> Line:
+    values: dict[str, float] = {}
+    for column, value in row.items():
+        quantity, _, unit = str(column).rpartition("_")
+        if quantity not in QUANTITIES or unit not in UNITS_M:
+            raise InputError(
+                f"{where}: column {str(column)!r} is not known; use {', '.join(QUANTITIES)}, each with _m, _mm or _um"
+            )
+        if quantity in values:
+            raise InputError(f"{where}: {quantity} is given twice; keep one unit")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise InputError(f"{where}: {column} is {value!r}, not a finite number; mend it")
+        values[quantity] = number * UNITS_M[unit]
+    missing = [quantity for quantity in QUANTITIES if quantity not in values]
+    if missing:
+        raise InputError(f"{where}: {', '.join(missing)} missing; give each with a unit, as {missing[0]}_mm")
+    if max(abs(value) for value in values.values()) > 1:
+        raise InputError(f"{where}: a length is above 1 m; check the units in the names (_m, _mm, _um)")
+    try:
+        return Line(
+            (values["start_x"], values["start_y"]),
+            (values["end_x"], values["end_y"]),
+            values["width"],
+            values["height"],
+        )
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def is_line_list(path: PathLike) -> bool:
+    """Whether a file is a list of lines, by its suffix."""
+    return Path(path).suffix.lower() in SUFFIXES

@@ -1,0 +1,45 @@
+"""The lines that a relief was printed with."""
+
+import torch
+
+from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.vectorise.moves import LineSet
+from warp_caustics.prints.vectorise.robust import fit_lines
+
+FLOORS_MM = (0.04, 0.01, 0.004)
+"""Expected size of residuals on bare plate in one stage after the other: large ones first, so that early lines are not
+bent to explain what later ones will."""
+MOST_LINES = 60
+ROUNDS = 4
+
+
+def lines_of_relief(
+    model: LineModel, relief_m: torch.Tensor, spread_m: torch.Tensor, *, most: int = MOST_LINES
+) -> torch.Tensor:
+    """Few lines that explain a relief but for places where it is uncertain.
+
+    Greedy: a line is added along the highest unexplained ridge, all are fitted, again; then lines that continue each
+    other are joined, superfluous ones removed, and the residuals that count as explained shrink.
+
+    Args:
+        model: renders lines.
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+        most: number of lines at most.
+
+    Returns:
+        Lines, shape [L, 6] (LINE_COLUMNS) [mm], float64, on the CPU.
+    """
+    relief, spread = (1e3 * values.to(model.device, torch.float32) for values in (relief_m, spread_m))
+    found = LineSet(model, relief, spread)
+    for floor in FLOORS_MM:
+        found.focus(floor)
+        for _ in range(ROUNDS):
+            found.grow(most)
+            found.refit(20)
+            count = len(found.lines)
+            found.merge()
+            found.prune()
+            if len(found.lines) == count:
+                break
+    return fit_lines(model, found.lines, relief, found.sigma, iterations=15)[0]

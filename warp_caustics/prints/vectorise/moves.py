@@ -1,0 +1,155 @@
+"""Changes of a set of lines that descent cannot make: one more, one less, two that are one."""
+
+import numpy as np
+import torch
+
+from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.vectorise.proposals import proposed_lines
+from warp_caustics.prints.vectorise.robust import fit_lines, loss_of
+
+PENALTY = 20.0
+"""Loss that a line must save. Six numbers for 16,384 heights would be worth 6/2 ln 16384 = 29 if their errors were
+independent, and half of it on the loss's scale; chosen on own fields."""
+RIDGES = 10
+"""Highest points through which lines are proposed."""
+FOLLOWED = 8
+"""Proposals that are fitted."""
+LOW_MM = 0.1
+"""Height given to proposals from residuals relative to their expected size, whose height is no height."""
+RIVAL = 0.2
+"""Overlap (cosine of the angle between heights) from which one line may take another's place."""
+HOPELESS = 150.0
+"""A change that raises the loss by so much before the other lines have moved is not followed."""
+
+
+class LineSet:
+    """Lines under change.
+
+    Args:
+        model: renders lines.
+        relief_mm: to be explained, shape [n, n].
+        spread_mm: of the answers it is the mean of, shape [n, n].
+    """
+
+    def __init__(self, model: LineModel, relief_mm: torch.Tensor, spread_mm: torch.Tensor):
+        self.model, self.relief, self.spread = model, relief_mm, spread_mm
+        self.sigma = spread_mm
+        self.lines = torch.zeros(0, 6, dtype=torch.float64)
+        self.loss = np.inf
+
+    def focus(self, floor_mm: float) -> None:
+        """Expect residuals of the spread and of ``floor_mm``, and fit again."""
+        self.sigma = (self.spread.square() + floor_mm**2).sqrt()
+        self.refit(20)
+
+    def refit(self, iterations: int) -> None:
+        """Let all lines move."""
+        self.lines, self.loss = fit_lines(self.model, self.lines, self.relief, self.sigma, iterations=iterations)
+
+    def grow(self, most: int) -> bool:
+        """Add lines while each saves more than its penalty; True if any did."""
+        grown = False
+        while len(self.lines) < most:
+            best, loss = self._best_addition()
+            if best is None or loss > self.loss - 0.5 * PENALTY:
+                break
+            lines, loss = fit_lines(self.model, best, self.relief, self.sigma, iterations=6)
+            if loss > self.loss - PENALTY:
+                break
+            self.lines, self.loss, grown = lines, loss, True
+        return grown
+
+    def _best_addition(self) -> tuple[torch.Tensor | None, float]:
+        rest = self.relief - self.model.heights(self.lines)
+        # Large residuals, and residuals that are large for their place.
+        shown = (rest / (1 + (self.spread / 0.05).square()).sqrt(), rest / self.sigma)
+        size = tuple(1e3 * length for length in self.model.scene.plate_size_m)
+        ridges = [proposed_lines(view.double().cpu().numpy(), (size[0], size[1]), RIDGES) for view in shown]
+        ridges[1][:, 5] = LOW_MM
+        best, least = None, np.inf
+        for ridge in self._promising(rest, torch.from_numpy(np.concatenate(ridges))):
+            tried = torch.cat([self.lines, ridge[None]])
+            tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=[len(self.lines)])
+            if loss < least:
+                best, least = tried, loss
+        return best, least
+
+    def _promising(self, rest: torch.Tensor, ridges: torch.Tensor) -> torch.Tensor:
+        """Those of the lines that lower the loss most as they are."""
+        heights = self.model.parts(ridges)[0]
+        squared = ((rest - heights) / self.sigma).square()
+        loss = (squared / (1 + squared)).flatten(1).sum(dim=1)
+        return ridges[loss.cpu().argsort()[:FOLLOWED]]
+
+    def merge(self) -> None:
+        """Make one line of two that continue each other, where that costs less than a line saves."""
+        while self._merge_once():
+            pass
+
+    def _merge_once(self) -> bool:
+        for i in range(len(self.lines)):
+            for j in range(i):
+                joined = joined_line(self.lines[i].numpy(), self.lines[j].numpy())
+                if joined is None:
+                    continue
+                kept = [k for k in range(len(self.lines)) if k not in (i, j)]
+                tried = torch.cat([self.lines[kept], torch.from_numpy(joined)[None]])
+                last = [len(tried) - 1]
+                tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=last)
+                if loss > self.loss + PENALTY + HOPELESS:
+                    continue
+                tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8)
+                if loss < self.loss + PENALTY:
+                    self.lines, self.loss = tried, loss
+                    return True
+        return False
+
+    def prune(self) -> None:
+        """Remove lines that the others replace."""
+        k = 0
+        while k < len(self.lines):
+            kept, loss = self._without(k)
+            if loss < self.loss + PENALTY:
+                self.lines, self.loss = kept, loss
+            else:
+                k += 1
+
+    def _without(self, k: int) -> tuple[torch.Tensor, float]:
+        """The other lines in place of all, those that cover the same plate moved first, and their loss."""
+        parts = self.model.parts(self.lines)[0].flatten(1)
+        norms = parts.norm(dim=1).clamp_min(1e-12)
+        shared = (parts @ parts[k]) / (norms * norms[k])
+        rivals = [j - (j > k) for j in range(len(self.lines)) if j != k and float(shared[j]) > RIVAL]
+        kept = torch.cat([self.lines[:k], self.lines[k + 1 :]])
+        if rivals:
+            kept, loss = fit_lines(self.model, kept, self.relief, self.sigma, iterations=8, only=rivals)
+        else:
+            loss = loss_of(self.relief - self.model.heights(kept), self.sigma)
+        if loss > self.loss + PENALTY + HOPELESS:
+            return kept, loss
+        return fit_lines(self.model, kept, self.relief, self.sigma, iterations=6)
+
+
+def joined_line(a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+    """One line from end to end of two that lie on one straight line with little gap; None for others.
+
+    Args:
+        a: a line, shape [6] [mm].
+        b: another one.
+    """
+    ends = np.array([a[:2], a[2:4], b[:2], b[2:4]])
+    distances = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1))
+    i, j = np.unravel_index(int(distances.argmax()), distances.shape)
+    total = distances[i, j]
+    if total < 1e-6:
+        return None
+    direction = (ends[j] - ends[i]) / total
+    normal = np.array([-direction[1], direction[0]])
+    if np.abs((ends - ends[i]) @ normal).max() > 0.5 * max(a[4], b[4]) + 0.2:
+        return None
+    lengths = np.array([distances[0, 1], distances[2, 3]])
+    if total - lengths.sum() > 0.25 * total + 1.0:
+        return None
+    share = (lengths + 0.3) / (lengths + 0.3).sum()
+    joined: np.ndarray = np.concatenate([ends[i], ends[j], share[0] * a[4:] + share[1] * b[4:]])
+    return joined

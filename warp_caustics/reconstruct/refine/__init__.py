@@ -1,0 +1,1 @@
+"""``refine``: descent on the exact model of the caustic."""

@@ -1,0 +1,55 @@
+"""The measured image with its channels where the middle one lies."""
+
+import numpy as np
+import scipy.ndimage
+import torch
+
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.resampling import resampling_matrix
+from warp_caustics.types import FloatArray
+
+SPOILED = 0.1
+"""Share of a resampled pixel that may come from pixels that do not count."""
+_NEIGHBOURS = 5
+"""Size of the square that stands in for pixels that do not count."""
+
+
+def repaired(image: CausticImage) -> FloatArray:
+    """Irradiance [n_w, m, m] whose pixels that do not count take the mean of their neighbours that do.
+
+    Or stay, if brighter: saturated ones tell the least of what was there.
+    """
+    values = np.asarray(image.irradiance, dtype=np.float64)
+    if image.mask is None or image.mask.all():
+        return values
+    counts, size = image.mask.astype(np.float64), (1, _NEIGHBOURS, _NEIGHBOURS)
+    weight = scipy.ndimage.uniform_filter(counts, size)
+    mean = scipy.ndimage.uniform_filter(values * counts, size) / np.maximum(weight, 1e-9)
+    return np.where(image.mask, values, np.maximum(values, mean))
+
+
+def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.device | str) -> CausticImage:
+    """The image with all channels where the middle one lies; blur and noise stay.
+
+    Args:
+        image: what the camera saw.
+        camera: how far channels are apart.
+        device: where to compute.
+    """
+    values, mask = repaired(image), image.mask
+    irradiance = np.array(values)
+    kept = None if mask is None else mask.copy()
+    pixels = values.shape[-1]
+    for channel, ((x, y), scale) in enumerate(zip(camera.shift, camera.scale, strict=True)):
+        if x == y == scale == 0:
+            continue
+        moved = torch.tensor((x, y), dtype=torch.float64) / -(1 + scale)
+        back = torch.full_like(moved, 1 / (1 + scale) - 1)
+        along_x, along_y = resampling_matrix(pixels, moved, back).to(device)
+        picture = torch.as_tensor(values[channel], device=device)
+        irradiance[channel] = (along_y @ picture @ along_x.T).cpu().numpy()
+        if kept is not None and mask is not None:
+            gaps = torch.as_tensor(~mask[channel], dtype=torch.float64, device=device)
+            kept[channel] = (along_y.abs() @ gaps @ along_x.abs().T < SPOILED).cpu().numpy()
+    return CausticImage(irradiance, image.noise_std, kept)

@@ -1,0 +1,119 @@
+"""How a colour camera saw a caustic: where each channel lies, how blurred it is, and what its numbers mean."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from warp_caustics.types import FloatArray
+
+TOLD_PX = 0.1
+"""Channels further apart than this are worth a warning; perfect images show up to 0.01 px."""
+TOLD_BLUR_PX = 2.0
+"""Networks have seen blur up to this."""
+
+
+@dataclass(frozen=True)
+class ChannelCamera:
+    """Camera of one image; all zeros (and gains of 1) is one that shows each pixel as it is.
+
+    Attributes:
+        shift: of a channel's picture against the middle one's, towards larger x and y [px], shape [n_w, 2].
+        scale: its magnification about the middle of the image, less 1, shape [n_w].
+        blur: standard deviation of the PSF [px], shape [n_w].
+        gain: signal of the simulated light, shape [n_w]. Told, not undone: the exposure is found elsewhere.
+        ambient: light that is not the lamp's, in units of the radiosity, shape [n_w]. Told, not undone.
+        pixels: m, size of the image in which these pixels are counted.
+    """
+
+    shift: FloatArray
+    scale: FloatArray
+    blur: FloatArray
+    gain: FloatArray
+    ambient: FloatArray
+    pixels: int
+
+    @classmethod
+    def perfect(cls, channels: int, pixels: int) -> Self:
+        """The camera that changes nothing."""
+        zero, one = np.zeros(channels), np.ones(channels)
+        return cls(np.zeros((channels, 2)), zero, zero.copy(), one, zero.copy(), pixels)
+
+    @classmethod
+    def of_record(cls, record: dict[str, Any], pixels: int) -> Self:
+        """The camera that :attr:`record` was made of."""
+        keys = ("shift_px", "scale", "blur_px", "gain", "ambient")
+        shift, scale, blur, gain, ambient = (np.asarray(record[key], dtype=np.float64) for key in keys)
+        return cls(shift, scale, blur, gain, ambient, pixels)
+
+    @property
+    def displaces(self) -> bool:
+        """Whether channels are to be moved onto the middle one."""
+        return bool(np.any(self.shift) or np.any(self.scale))
+
+    @property
+    def blurs(self) -> bool:
+        """Whether simulated images are to be blurred."""
+        return bool(np.any(self.blur))
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether there is nothing to do."""
+        return not (self.displaces or self.blurs)
+
+    def sharp(self) -> Self:
+        """The same without its blur, for models that know none."""
+        return replace(self, blur=np.zeros_like(self.blur))
+
+    @property
+    def apart_px(self) -> FloatArray:
+        """Largest displacement of each channel [px], shape [n_w]: in the middle, or at a corner of the image."""
+        return displacement_px(self.shift, self.scale, self.pixels)
+
+    def blur_at(self, pixels: int) -> FloatArray:
+        """Blur in pixels of an image binned to pixels x pixels, shape [n_w]."""
+        return self.blur * (pixels / self.pixels)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """For a result's counters."""
+        return {
+            "shift_px": self.shift.tolist(),
+            "scale": self.scale.tolist(),
+            "blur_px": self.blur.tolist(),
+            "gain": self.gain.tolist(),
+            "ambient": self.ambient.tolist(),
+        }
+
+    def warnings(self, wavelengths_m: Sequence[float], trained_px: float | None = None) -> list[str]:
+        """What the user should know, a line each.
+
+        Args:
+            wavelengths_m: of the channels [m], by which they are named.
+            trained_px: displacement that the network has seen [px]; None if that is not known.
+        """
+        names = [f"{1e9 * wavelength:g} nm" for wavelength in wavelengths_m]
+        told, apart = [], self.apart_px
+        worst, blurred = int(apart.argmax()), int(self.blur.argmax())
+        if apart[worst] > TOLD_PX:
+            told.append(
+                f"the image of {names[worst]} lies up to {apart[worst]:.2f} px beside that of "
+                f"{names[len(names) // 2]} (lateral colour of the lens, mosaic of the sensor); undone to refine"
+            )
+            if trained_px is not None:
+                is_beyond = apart[worst] > trained_px
+                told[-1] += f", direct was trained for {'no more than' if is_beyond else 'up to'} {trained_px:g} px"
+                told[-1] += "; correct it in the raw converter" if is_beyond else ""
+        if self.blur[blurred] > TOLD_BLUR_PX:
+            told.append(
+                f"the image of {names[blurred]} is blurred by {self.blur[blurred]:.1f} px (standard deviation), "
+                f"networks know up to {TOLD_BLUR_PX:g} px; focus, or bin the image"
+            )
+        return told
+
+
+def displacement_px(shift: FloatArray, scale: FloatArray, pixels: int) -> FloatArray:
+    """Largest displacement that shift [px] (shape [n_w, 2]) and scale make, shape [n_w]: middle or a corner."""
+    corner = np.abs(shift) + np.abs(scale)[:, None] * (pixels / 2)
+    return np.asarray(np.maximum(np.hypot(*shift.T), np.hypot(*corner.T)))

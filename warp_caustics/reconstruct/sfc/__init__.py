@@ -1,0 +1,1 @@
+"""SfC: shape from caustics by thresholded Landweber iterations."""

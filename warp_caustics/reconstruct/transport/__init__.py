@@ -1,0 +1,1 @@
+"""Reconstruction by transporting light: back and forth, and HCCCD."""
