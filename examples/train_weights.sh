@@ -10,7 +10,7 @@ out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
 shift
 extra=("$@")
 nsfc=${NSFC:-nsfc}
-only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct}
+only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct-cameras direct}
 mkdir -p "$out"
 
 # train NAME KIND TIME OPTIONS...
@@ -66,5 +66,8 @@ train direct-third direct "${DIRECT_THIRD_TIME:-450s}" --seed 2 "${again[@]}" "$
     --initial-weights "$out/direct-second/weights.safetensors"
 train direct-fourth direct "${DIRECT_FOURTH_TIME:-500s}" --seed 3 "${again[@]}" "${plain[@]}" \
     --initial-weights "$out/direct-third/weights.safetensors"
-train direct direct "${DIRECT_CAMERA_TIME:-490s}" --seed 4 --devices "${DEVICES:-1}" "${ours[@]}" \
+train direct-cameras direct "${DIRECT_CAMERA_TIME:-490s}" --seed 4 --devices "${DEVICES:-1}" "${ours[@]}" \
     --set training.learning_rate=5e-4 --initial-weights "$out/direct-fourth/weights.safetensors"
+train direct direct "${DIRECT_TIME_ON:-1065s}" --seed 6 --devices "${DEVICES:-1}" "${ours[@]}" \
+    --set training.learning_rate=7e-4 --set training.ema_decay=0.9995 \
+    --initial-weights "$out/direct-cameras/weights.safetensors"
