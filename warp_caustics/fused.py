@@ -21,8 +21,12 @@ WIDE_LANES, WIDE_ADJOINT_LANES = 8, 2
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
 only reads, and does better with fewer."""
 
-DEFERRED_LANES, DEFERRED_GROUPS = 32, 4096
-"""Threads per footprint on the list of deferred ones, and how many of these are worked on at a time."""
+DEFERRED_LANES = 32
+"""Threads per footprint on the list of deferred ones."""
+
+DEFERRED_DIM = 4096, DEFERRED_LANES
+"""How many of these are worked on at a time, and their threads."""
+
 MAX_BLOCKS = 2**23
 """Blocks of rows on the list of deferred ones, at most."""
 
@@ -87,8 +91,7 @@ class FusedPhotons:
         self._launch(kernels.splat_photons, (batch, photons.count, self.lanes), inputs, [*outputs, *listed])
         if self.defers:
             deferred = fused_kernels(*self._variant, self.width, DEFERRED_LANES, False).splat_deferred
-            dim = DEFERRED_GROUPS, DEFERRED_LANES
-            self._launch(deferred, dim, [*inputs, DEFERRED_GROUPS, *listed], outputs)
+            self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
 
     def splat_adjoint(self, coefficients: torch.Tensor, photons: Any, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient with respect to the surface maps [B, 6, N] of photons, from that of the image [B, n_w, m, m]."""
@@ -103,8 +106,7 @@ class FusedPhotons:
         self._launch(kernels.splat_photons_adjoint, dim, inputs, [*outputs, *listed])
         if self.defers:
             deferred = fused_adjoint_kernels(*self._variant, DEFERRED_LANES, False).splat_deferred_adjoint
-            dim = DEFERRED_GROUPS, DEFERRED_LANES
-            self._launch(deferred, dim, [*inputs, DEFERRED_GROUPS, *listed], outputs)
+            self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
         return grad_maps
 
     def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[Any], outputs: list[Any]) -> None:

@@ -97,9 +97,7 @@ def _extent_function(dtype: Any, profile: str, width: int) -> Any:
 
 
 @cache
-def fused_kernels(
-    dtype: Any, profile: str, is_lattice: bool, width: int, lanes: int, defers: bool
-) -> SimpleNamespace:
+def fused_kernels(dtype: Any, profile: str, is_lattice: bool, width: int, lanes: int, defers: bool) -> SimpleNamespace:
     """Kernels ``splat_photons`` and ``splat_deferred``.
 
     Args:
@@ -170,8 +168,8 @@ def fused_kernels(
         """Add a photon's footprints at wavelengths c ... c + width - 1, or put them on the list as ``item``."""
         f = footprints(photon, c, photons)
         if wp.max(f.amplitude) > zero:
-            is_apart = bool(False)
-            here = bool(True)
+            is_apart = False
+            here = True
             if wp.static(defers):
                 most, is_apart = extent(f)
                 if most > photons.optics.wide_pixels:
@@ -236,7 +234,7 @@ def fused_kernels(
                 # --- once more, and to pixels
                 photon = photon_at(coefficients, photons, b, item - b * photons.count)
                 f = footprints(photon, c, photons)
-                is_apart = bool(False)
+                is_apart = False
                 if wp.static(is_packed):
                     _, is_apart = extent(f)
                 add(photon, f, is_apart, photons, b, c, block, rows, lane, image)

@@ -60,7 +60,7 @@ def fused_adjoint_kernels(dtype: Any, profile: str, is_lattice: bool, lanes: int
         bent = refraction(photon.maps, photons.eta[c], photons.ratio[c])
         f = footprint(photon, bent, photons.radiosity[c], photons.optics)
         if f.amplitude != zero:
-            here = bool(True)
+            here = True
             if wp.static(defers):
                 if covered_pixels(f.sigma_x, f.sigma_y) > photons.optics.wide_pixels:
                     here = not put_off(item, 0, 0, lane, listed, count)

@@ -26,6 +26,7 @@ from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.native import cpu_row_functions, pixel_adder
 from warp_caustics.kernels.profiles import REACH, profile_functions
 
+
 @cache
 def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
     """First and last pixel that a footprint touches along an axis, within the image."""
