@@ -23,7 +23,8 @@ import torch
 from benchmarks.accuracy import CONTACT, DATA, blurred_error, heights_of
 from benchmarks.ceiling import atomic_ceilings
 from warp_caustics import CausticSimulator
-from warp_caustics.kernels.splat import BOX_VARIANCE, REACH
+from warp_caustics.kernels.footprint import BOX_VARIANCE
+from warp_caustics.kernels.profiles import REACH
 from warp_caustics.photons import Chunk
 
 
@@ -126,13 +127,14 @@ def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
     heights = torch.from_numpy(heights_of("f_lines")[None]).float().to(device)
     coefficients = engine.coefficients(heights)
     chunk = Chunk(0, simulator.n_photons, 0, engine.plan.rows)
+    photons = engine.fused_photons(chunk)
     image = torch.zeros(fused.image_shape(1), device=device)
     weights = torch.randn(1, 3, 512, 512, device=device)
-    grad_maps = fused.splat_adjoint(coefficients, chunk, weights)
+    grad_maps = fused.splat_adjoint(coefficients, photons, weights)
     calls: dict[str, Callable[[], object]] = {
         "spline coefficients": lambda: engine.coefficients(heights),
-        "photons to pixels": lambda: (fused.splat(coefficients, chunk, image), fused.unpacked(image)),
-        "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, chunk, weights),
+        "photons to pixels": lambda: (fused.splat(coefficients, photons, image), fused.unpacked(image)),
+        "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, photons, weights),
         "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, grad_maps),
     }
     return {name: 1e3 * statistics.median(seconds(call, device, repeats)) for name, call in calls.items()}

@@ -9,7 +9,6 @@ storing them. For collimated light all stages of a photon run in one kernel
 (``fused.py``); these here are the general form.
 """
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -24,38 +23,18 @@ from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
-from warp_caustics.kernels.splat import REACH, splat_kernels
+from warp_caustics.kernels.splat import splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
+from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan
 from warp_caustics.scene import Profile, Scene
-
-MIN_SIGMA_PX = 0.02
-"""Standard deviation added to every footprint [px]: keeps the image differentiable where a caustic focuses
-a footprint to a point, and is far below what a pixel can show."""
-
-MAX_SIGMA_FRACTION = 1 / 16
-"""Footprints wider than this fraction of the image are shrunk to it, keeping their energy: next to grazing
-exit they grow without bound, and so would the work."""
-
-WIDE_PIXELS = 100
-"""Footprints that cover more pixels than this, and than four times that of a flat plate, are left to several
-GPU threads each: a launch would otherwise wait for the few threads that have thousands of pixels."""
 
 MAX_GRAPH_PHOTONS = 2**22
 """Simulations of at most so many photons, over the batch, are replayed as CUDA graphs."""
 
 MAX_KEPT_PHOTONS = 2**25
 """Positions of at most so many photons are kept between calls."""
-
-
-def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
-    """Standard deviation of the footprint on the plate [m], s sqrt(A / (8 pi n_l)).
-
-    The covariance of the biweight kernel 3/pi (1 - r^2)^2 of Frisvad et al. on
-    a disc of radius s sqrt(A / (pi n_l)).
-    """
-    return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
 
 
 class Engine:
@@ -81,46 +60,17 @@ class Engine:
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
         self.surface = surface_kernels(self.warp_dtype)
         self.tracer = trace_kernels(self.warp_dtype)
-        self.splatter = splat_kernels(self.warp_dtype, profile)
-        indices, exits = scene.glass_indices, scene.exit_indices
-        self.eta = self._tensor([1 / n for n in indices])
-        self.ratio = self._tensor([n / e for n, e in zip(indices, exits, strict=True)])
-        self.radiosity = self._tensor(list(scene.radiosity_W_m2))
+        self.splatter = splat_kernels(self.warp_dtype, profile, device.type == "cpu")
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
-        self.optics = self._optics()
+        self.optics = Optics(scene, plan, smoothing, profile, device, dtype)
         self._positions: dict[Chunk, torch.Tensor] = {}
+        self._photons: dict[tuple[int, int], Any] = {}
+        self._lattices: dict[Chunk, Any] = {}
         self._calls: dict[tuple[str, int], int] = {}
         self._graphs: dict[tuple[str, int], CudaGraph] = {}
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
-
-    def _optics(self) -> Any:
-        scene, optics = self.scene, self.tracer.Optics()
-        width, length = scene.plate_size_m
-        pixel_x, pixel_y = scene.pixel_size_m
-        optics.base = scene.base_thickness_m
-        optics.gap = -scene.screen_position_m[2]
-        optics.window_x = scene.screen_position_m[0] - width / 2
-        optics.window_y = scene.screen_position_m[1] - length / 2
-        optics.pixels_per_m_x, optics.pixels_per_m_y = 1 / pixel_x, 1 / pixel_y
-        optics.image_pixels = scene.image_pixels
-        optics.sigma0 = footprint_sigma_m(scene, self.smoothing, self.plan.count)
-        optics.half_x, optics.half_y = width / 2, length / 2
-        # A photon at distance a from an edge of the plate has its footprint squeezed to a / squeeze across it.
-        # That moves a sixth of a lattice cell's light to its neighbour, which must not show: only inside a pixel.
-        is_fine = self.plan.count >= scene.image_pixels**2
-        optics.squeeze = REACH[self.profile] if self.plan.placement == "lattice" and is_fine else 0.0
-        optics.min_var = MIN_SIGMA_PX**2
-        optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
-        flat_pixels = math.prod(2 * REACH[self.profile] * optics.sigma0 / size + 1 for size in (pixel_x, pixel_y))
-        optics.wide_pixels = max(WIDE_PIXELS, 4 * flat_pixels)
-        optics.area = scene.plate_area_m2 / self.plan.count / (pixel_x * pixel_y)
-        optics.is_point = int(not scene.is_collimated)
-        optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
-        optics.light_distance = scene.light_position_m[2] - scene.base_thickness_m
-        optics.cos_cone = math.cos(scene.emission_half_angle_rad)
-        return optics
 
     @cached_property
     def in_double_precision(self) -> "Engine":
@@ -158,7 +108,13 @@ class Engine:
         batch = coefficients.shape[0]
         if self.plan.placement != "lattice":
             maps = coefficients.new_empty(batch, len(MAP_NAMES), chunk.count)
-            wp.launch(self.surface.gather_surface, **self._gather_arguments(coefficients, positions, maps))
+            wp.launch(
+                self.surface.gather_surface,
+                dim=(batch, chunk.count),
+                inputs=[warp_array(coefficients), self.photons(positions)],
+                outputs=[warp_array(maps)],
+                device=self.warp_device,
+            )
             return maps
         along_y, along_x = self._lattice_matrices
         along_y = along_y[:, chunk.first_row : chunk.first_row + chunk.rows]
@@ -169,17 +125,15 @@ class Engine:
         """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
         if self.plan.placement != "lattice":
             grad = torch.zeros_like(coefficients)
-            arguments = self._gather_arguments(coefficients, self.positions(chunk), torch.empty_like(grad_maps))
-            outputs = [arguments["inputs"].pop()]
             wp.launch(
                 self.surface.gather_surface,
-                dim=arguments["dim"],
-                device=arguments["device"],
-                inputs=arguments["inputs"],
-                outputs=outputs,
-                adj_inputs=[warp_array(grad), None, 0.0, 0.0, 0],
+                dim=(coefficients.shape[0], chunk.count),
+                inputs=[warp_array(coefficients), self.photons(self.positions(chunk))],
+                outputs=[warp_array(torch.empty_like(grad_maps))],
+                adj_inputs=[warp_array(grad), self.optics.no_gradient()],
                 adj_outputs=[warp_array(grad_maps)],
                 adjoint=True,
+                device=self.warp_device,
             )
             return grad
         along_y, along_x = self._lattice_matrices
@@ -187,17 +141,6 @@ class Engine:
         planes = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
         # The sum over the six planes is part of the second product.
         return along_y.flatten(0, 1).T @ (planes @ along_x).flatten(1, 2)
-
-    def _gather_arguments(
-        self, coefficients: torch.Tensor, positions: torch.Tensor, maps: torch.Tensor
-    ) -> dict[str, Any]:
-        n = self.scene.height_samples
-        pitch_x, pitch_y = self.scene.sample_pitch_m
-        return {
-            "dim": (maps.shape[0], maps.shape[2]),
-            "inputs": [warp_array(coefficients), warp_array(positions), 1 / pitch_x, 1 / pitch_y, n, warp_array(maps)],
-            "device": self.warp_device,
-        }
 
     # -- trace and splat --------------------------------------------------------------------------------------
 
@@ -208,7 +151,7 @@ class Engine:
         wp.launch(
             self.tracer.trace,
             dim=(batch, self.scene.n_wavelengths, count),
-            inputs=self._trace_inputs(maps, positions),
+            inputs=[warp_array(maps), self.photons(positions)],
             outputs=[warp_array(records)],
             device=self.warp_device,
         )
@@ -222,24 +165,14 @@ class Engine:
         wp.launch(
             self.tracer.trace,
             dim=(maps.shape[0], self.scene.n_wavelengths, maps.shape[2]),
-            inputs=self._trace_inputs(maps, positions),
+            inputs=[warp_array(maps), self.photons(positions)],
             outputs=[warp_array(records)],
-            adj_inputs=[warp_array(grad_maps), None, None, None, None, self.tracer.Optics()],
+            adj_inputs=[warp_array(grad_maps), self.optics.no_gradient()],
             adj_outputs=[warp_array(grad_records)],
             adjoint=True,
             device=self.warp_device,
         )
         return grad_maps
-
-    def _trace_inputs(self, maps: torch.Tensor, positions: torch.Tensor) -> list[Any]:
-        return [
-            warp_array(maps),
-            warp_array(positions),
-            warp_array(self.eta),
-            warp_array(self.ratio),
-            warp_array(self.radiosity),
-            self.optics,
-        ]
 
     def splat(self, records: torch.Tensor, image: torch.Tensor) -> None:
         """Add the footprints of records [B, n_w, 6, N] to image [B, n_w, m, m]."""
@@ -270,12 +203,10 @@ class Engine:
         landings = maps.new_empty(batch, channels, 2, count)
         energies = maps.new_empty(batch, channels, count)
         fates = torch.empty(batch, channels, count, dtype=torch.int32, device=self.device)
-        inputs = self._trace_inputs(maps, positions)
-        del inputs[4]
         wp.launch(
             self.tracer.land,
             dim=(batch, channels, count),
-            inputs=inputs,
+            inputs=[warp_array(maps), self.photons(positions)],
             outputs=[warp_array(landings), warp_array(energies), warp_array(fates)],
             device=self.warp_device,
         )
@@ -284,9 +215,11 @@ class Engine:
     # -- everything -------------------------------------------------------------------------------------------
 
     @cached_property
-    def fused(self) -> "FusedPhotons | None":
+    def fused(self) -> FusedPhotons | None:
         """The fast path for collimated light."""
-        return FusedPhotons(self) if self.scene.is_collimated else None
+        if not self.scene.is_collimated:
+            return None
+        return FusedPhotons(self.optics, self.plan, self.device, self.dtype, self.profile)
 
     def reseed(self, seed: int, role: str) -> None:
         """Take another photon set of the same size; recorded graphs keep reading the same memory."""
@@ -301,8 +234,23 @@ class Engine:
         if self.plan.count > MAX_KEPT_PHOTONS:
             return self._new_positions(chunk)
         if chunk not in self._positions:
-            self._positions[chunk] = self._new_positions(chunk)
+            kept = self._positions[chunk] = self._new_positions(chunk)
+            self._photons[kept.data_ptr(), len(kept)] = self.optics.photons(kept)
         return self._positions[chunk]
+
+    def photons(self, positions: torch.Tensor) -> Any:
+        """What kernels are told about photons at these positions [N, 2] [m]: struct ``Photons``."""
+        kept = self._photons.get((positions.data_ptr(), len(positions)))
+        return self.optics.photons(positions) if kept is None else kept
+
+    def fused_photons(self, chunk: Chunk) -> Any:
+        """The same for a chunk and the fused kernels, which know a lattice by its axes."""
+        if self.plan.placement != "lattice":
+            return self.photons(self.positions(chunk))
+        if chunk not in self._lattices:
+            axes = self.plan.axes(chunk, self.dtype, self.device)
+            self._lattices[chunk] = self.optics.photons(axes, chunk.count, self.plan.columns)
+        return self._lattices[chunk]
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
@@ -359,7 +307,7 @@ class Engine:
 
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             if fused:
-                fused.splat(coefficients, chunk, image)
+                fused.splat(coefficients, self.fused_photons(chunk), image)
                 return
             positions = self.positions(chunk)
             self.splat(self.records(self.maps(coefficients, chunk, positions), positions), image)
@@ -373,7 +321,7 @@ class Engine:
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
             if fused:
-                grad_maps = fused.splat_adjoint(coefficients, chunk, grad_image)
+                grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk), grad_image)
             else:
                 positions = self.positions(chunk)
                 maps = self.maps(coefficients, chunk, positions)

@@ -1,22 +1,18 @@
 """The fast path for collimated light: a photon from surface to pixels in one kernel."""
 
-from functools import cached_property
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 import warp as wp
 
 from warp_caustics.chunked import warp_array, warp_stream
-from warp_caustics.kernels import MAP_NAMES
+from warp_caustics.kernels import MAP_NAMES, dtype_of
+from warp_caustics.kernels.fused import fused_kernels, unpack_kernel
 from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
-from warp_caustics.kernels.fused_splat import fused_splat_kernels
-from warp_caustics.kernels.packed import PACK, unpack_kernel
-from warp_caustics.kernels.packed_splat import packed_splat_kernels
-from warp_caustics.photons import Chunk
-
-if TYPE_CHECKING:
-    from warp_caustics.engine import Engine
+from warp_caustics.kernels.native import PACK
+from warp_caustics.optics import Optics
+from warp_caustics.photons import PhotonPlan
+from warp_caustics.scene import Profile
 
 WIDE_SIGMA_PX = 0.8
 """Footprints wider than this on a flat plate are shared by several GPU threads."""
@@ -25,8 +21,12 @@ WIDE_LANES, WIDE_ADJOINT_LANES = 8, 2
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
 only reads, and does better with fewer."""
 
-DEFERRED_LANES, DEFERRED_GROUPS = 32, 4096
-"""Threads per footprint on the list of deferred ones, and how many of these are worked on at a time."""
+DEFERRED_LANES = 32
+"""Threads per footprint on the list of deferred ones."""
+
+DEFERRED_DIM = 4096, DEFERRED_LANES
+"""How many of these are worked on at a time, and their threads."""
+
 MAX_BLOCKS = 2**23
 """Blocks of rows on the list of deferred ones, at most."""
 
@@ -35,158 +35,86 @@ PACKED_ARCH = 90
 
 
 class FusedPhotons:
-    """Launches the fused kernels for an engine; see ``kernels/fused_splat.py`` and ``fused_adjoint.py``.
+    """Launches ``kernels/fused.py`` and ``kernels/fused_adjoint.py`` in the variant that suits the device.
 
-    On GPUs, two to four channels in float32 are added together; see ``kernels/packed.py``. The adjoint only reads, and
-    is slower that way.
+    Attributes:
+        is_wide: footprints are shared by several GPU threads.
+        defers: wide footprints are listed, for a launch with many threads each.
+        width: wavelengths added together: on GPUs all of two to four in float32, otherwise 1.
+        lanes, adjoint_lanes: threads that share a footprint.
+        max_blocks: room on the list of deferred blocks.
     """
 
-    def __init__(self, engine: "Engine"):
-        self.engine = engine
-        self.is_lattice = engine.plan.placement == "lattice"
-        self.defers = engine.device.type == "cuda"
-        wide = engine.optics.sigma0 * engine.optics.pixels_per_m_x > WIDE_SIGMA_PX
-        self.is_wide = wide and self.defers
-        self.lanes, self.adjoint_lanes = (WIDE_LANES, WIDE_ADJOINT_LANES) if self.is_wide else (1, 1)
-        variant = engine.warp_dtype, engine.profile
-        here, there = (self.is_lattice, self.defers), (self.is_lattice, False)
-        self.kernels = fused_splat_kernels(*variant, self.lanes, *here)
-        self.adjoint_kernels = fused_adjoint_kernels(*variant, self.adjoint_lanes, *here)
-        self.deferred = fused_splat_kernels(*variant, DEFERRED_LANES, *there)
-        self.deferred_adjoint = fused_adjoint_kernels(*variant, DEFERRED_LANES, *there)
-        self._axes: dict[Chunk, torch.Tensor] = {}
-        channels = engine.scene.n_wavelengths
-        packs = self.defers and engine.dtype == torch.float32 and 2 <= channels <= PACK
-        packs = packs and engine.warp_device.arch >= PACKED_ARCH
-        self.packs = packs
+    def __init__(self, optics: Optics, plan: PhotonPlan, device: torch.device, dtype: torch.dtype, profile: Profile):
+        scene, self.device = optics.scene, device
+        self.channels, self.pixels = scene.n_wavelengths, scene.image_pixels
+        self.warp_device = wp.device_from_torch(device)
+        self._dtype = dtype_of(torch.finfo(dtype).bits)
+        self._variant = self._dtype, profile, plan.placement == "lattice"
+        self.defers = device.type == "cuda"
+        self.is_wide = self.defers and optics.shared.sigma0 * optics.shared.pixels_per_m_x > WIDE_SIGMA_PX
+        packs = self.defers and dtype == torch.float32 and 2 <= self.channels <= PACK
+        self.width = self.channels if packs and self.warp_device.arch >= PACKED_ARCH else 1
+        self.lanes = WIDE_LANES if self.is_wide and self.width == 1 else 1
+        self.adjoint_lanes = WIDE_ADJOINT_LANES if self.is_wide else 1
         self.max_blocks = MAX_BLOCKS
-        self._packed_variant = *variant, channels, DEFERRED_LANES, self.is_lattice
-
-    @cached_property
-    def packed(self) -> SimpleNamespace:
-        """Kernels of the packed image."""
-        return packed_splat_kernels(*self._packed_variant)
-
-    def _inputs(self, coefficients: torch.Tensor, chunk: Chunk) -> list[Any]:
-        engine = self.engine
-        pitch_x, pitch_y = engine.scene.sample_pitch_m
-        positions = self._lattice_axes(chunk) if self.is_lattice else engine.positions(chunk)
-        columns = engine.plan.columns if self.is_lattice else 0
-        return [
-            warp_array(coefficients),
-            warp_array(positions),
-            chunk.count,
-            columns,
-            1 / pitch_x,
-            1 / pitch_y,
-            engine.scene.height_samples,
-            warp_array(engine.eta),
-            warp_array(engine.ratio),
-            warp_array(engine.radiosity),
-            engine.optics,
-        ]
-
-    def _lattice_axes(self, chunk: Chunk) -> torch.Tensor:
-        """x of all columns and y of the chunk's rows [m], shape [2, max(columns, rows)]."""
-        if chunk not in self._axes:
-            engine, plan = self.engine, self.engine.plan
-            axes = torch.zeros(2, max(plan.columns, chunk.rows), dtype=torch.float64)
-            axes[0, : plan.columns] = torch.from_numpy(plan.grid_x)
-            axes[1, : chunk.rows] = torch.from_numpy(plan.grid_y[chunk.first_row : chunk.first_row + chunk.rows])
-            self._axes[chunk] = axes.to(engine.device, engine.dtype)
-        return self._axes[chunk]
 
     def image_shape(self, batch: int) -> tuple[int, ...]:
         """Shape of the sums that :meth:`splat` adds to."""
-        m, channels = self.engine.scene.image_pixels, self.engine.scene.n_wavelengths
-        return (batch, m, m, PACK) if self.packs else (batch, channels, m, m)
+        m = self.pixels
+        return (batch, m, m, PACK) if self.width > 1 else (batch, self.channels, m, m)
 
     def unpacked(self, total: torch.Tensor) -> torch.Tensor:
         """Image [B, n_w, m, m] of a sum of the above shape."""
-        if not self.packs:
+        if self.width == 1:
             return total
         batch, m, _, _ = total.shape
-        image = total.new_empty(batch, self.engine.scene.n_wavelengths, m, m)
-        with warp_stream(self.engine.device):
-            wp.launch(
-                unpack_kernel(self.engine.warp_dtype),
-                dim=(batch, m, m),
-                inputs=[warp_array(total)],
-                outputs=[warp_array(image)],
-                device=self.engine.warp_device,
-            )
+        image = total.new_empty(batch, self.channels, m, m)
+        with warp_stream(self.device):
+            self._launch(unpack_kernel(self._dtype), (batch, m, m), [warp_array(total)], [warp_array(image)])
         return image
 
-    def splat(self, coefficients: torch.Tensor, chunk: Chunk, image: torch.Tensor) -> None:
-        """Add a chunk of photons to an image of shape :meth:`image_shape`; coefficients [B, n + 4, n + 4]."""
-        inputs = self._inputs(coefficients, chunk)
-        if self.packs:
-            lists = self._block_lists(coefficients.shape[0] * chunk.count)
-            wp.launch(
-                self.packed.splat_photons,
-                dim=(coefficients.shape[0], chunk.count),
-                inputs=inputs,
-                outputs=[warp_array(image), *lists],
-                device=self.engine.warp_device,
-            )
-            wp.launch(
-                self.packed.splat_deferred,
-                dim=(DEFERRED_GROUPS, DEFERRED_LANES),
-                inputs=[*inputs, DEFERRED_GROUPS, *lists],
-                outputs=[warp_array(image)],
-                device=self.engine.warp_device,
-            )
-            return
-        lists = self._lists(coefficients.shape[0] * chunk.count)
-        wp.launch(
-            self.kernels.splat_photons,
-            dim=(coefficients.shape[0], chunk.count, self.lanes),
-            inputs=inputs,
-            outputs=[warp_array(image), *lists],
-            device=self.engine.warp_device,
-        )
-        if self.defers:
-            wp.launch(
-                self.deferred.splat_deferred,
-                dim=(DEFERRED_GROUPS, DEFERRED_LANES),
-                inputs=[*inputs, DEFERRED_GROUPS, *lists],
-                outputs=[warp_array(image)],
-                device=self.engine.warp_device,
-            )
+    def splat(self, coefficients: torch.Tensor, photons: Any, image: torch.Tensor) -> None:
+        """Add photons to an image of shape :meth:`image_shape`.
 
-    def splat_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_image: torch.Tensor) -> torch.Tensor:
-        """Gradient with respect to the surface maps [B, 6, N] of a chunk, from that of the image [B, n_w, m, m]."""
-        shape = (coefficients.shape[0], len(MAP_NAMES), chunk.count)
-        grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
-        inputs = [*self._inputs(coefficients, chunk), warp_array(grad_image)]
-        lists = self._lists(coefficients.shape[0] * chunk.count)
-        wp.launch(
-            self.adjoint_kernels.splat_photons_adjoint,
-            dim=(coefficients.shape[0], chunk.count, self.adjoint_lanes),
-            inputs=inputs,
-            outputs=[warp_array(grad_maps), *lists],
-            device=self.engine.warp_device,
-        )
+        Args:
+            coefficients: of the relief, [B, n + 4, n + 4].
+            photons: struct ``Photons`` of a chunk; a lattice by its axes.
+            image: [W/m^2].
+        """
+        batch, inputs = coefficients.shape[0], [warp_array(coefficients), photons]
+        kernels = fused_kernels(*self._variant, self.width, self.lanes, self.defers)
+        in_blocks = self.width > 1
+        size = min(batch * photons.count, self.max_blocks) if in_blocks else batch * photons.count * self.channels
+        listed = self._list(size, 2 if in_blocks else 1)
+        outputs = [warp_array(image)]
+        self._launch(kernels.splat_photons, (batch, photons.count, self.lanes), inputs, [*outputs, *listed])
         if self.defers:
-            wp.launch(
-                self.deferred_adjoint.splat_deferred_adjoint,
-                dim=(DEFERRED_GROUPS, DEFERRED_LANES),
-                inputs=[*inputs, DEFERRED_GROUPS, *lists],
-                outputs=[warp_array(grad_maps)],
-                device=self.engine.warp_device,
-            )
+            deferred = fused_kernels(*self._variant, self.width, DEFERRED_LANES, False).splat_deferred
+            self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
+
+    def splat_adjoint(self, coefficients: torch.Tensor, photons: Any, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient with respect to the surface maps [B, 6, N] of photons, from that of the image [B, n_w, m, m]."""
+        batch = coefficients.shape[0]
+        shape = batch, len(MAP_NAMES), photons.count
+        grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
+        inputs = [warp_array(coefficients), photons, warp_array(grad_image)]
+        kernels = fused_adjoint_kernels(*self._variant, self.adjoint_lanes, self.defers)
+        listed = self._list(batch * photons.count * self.channels, 1)
+        outputs = [warp_array(grad_maps)]
+        dim = batch, photons.count, self.adjoint_lanes
+        self._launch(kernels.splat_photons_adjoint, dim, inputs, [*outputs, *listed])
+        if self.defers:
+            deferred = fused_adjoint_kernels(*self._variant, DEFERRED_LANES, False).splat_deferred_adjoint
+            self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
         return grad_maps
 
-    def _lists(self, photons: int) -> list[Any]:
-        """Room for every footprint on the list of deferred ones, and their number."""
-        size = photons * self.engine.scene.n_wavelengths if self.defers else 1
-        deferred = torch.empty(size, dtype=torch.int32, device=self.engine.device)
-        count = torch.zeros(1, dtype=torch.int32, device=self.engine.device)
-        return [wp.from_torch(deferred), wp.from_torch(count)]
+    def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[Any], outputs: list[Any]) -> None:
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.warp_device)
 
-    def _block_lists(self, photons: int) -> list[Any]:
-        """Room for deferred blocks of rows, and their number; what finds no room is not deferred."""
-        size = min(photons, self.max_blocks)
-        deferred = torch.empty(size, 2, dtype=torch.int32, device=self.engine.device)
-        count = torch.zeros(1, dtype=torch.int32, device=self.engine.device)
-        return [wp.from_torch(deferred), wp.from_torch(count)]
+    def _list(self, size: int, columns: int) -> list[Any]:
+        """Room for deferred footprints, or for blocks of their rows, and how many there are."""
+        size = size if self.defers else 1
+        listed = torch.empty(size, columns, dtype=torch.int32, device=self.device)
+        count = torch.zeros(1, dtype=torch.int32, device=self.device)
+        return [wp.from_torch(listed), wp.from_torch(count)]

@@ -3,27 +3,52 @@
 Written to be read, and independently of the kernels: the spline from its
 definition, Snell's law with normalised vectors, the Jacobian of the map by
 automatic differentiation, every footprint evaluated on every pixel. Memory
-grows with photons x pixels: use tiny scenes.
+grows with photons x pixels: use tiny scenes. It imports nothing from what it
+checks; its constants are written out once more.
+
+Shapes: N photons, n x n heights, m x m pixels; a point of the plate is [2].
 """
 
 import math
 
 import torch
 
-from warp_caustics.engine import MAX_SIGMA_FRACTION, MIN_SIGMA_PX, footprint_sigma_m
-from warp_caustics.kernels.splat import BOX_VARIANCE, GAUSSIAN_REACH, NORMALISATION, REACH, WIDENING
 from warp_caustics.scene import Profile, Scene
 
 _EXTENSION = 24
+"""Samples by which the relief goes on beyond its edges: the spline forgets them by 0.27 per sample."""
+
+_GAUSSIAN_REACH = 4.0
+"""Half-width of the truncated Gaussian, in standard deviations of the whole one."""
+
+_GAUSSIAN_ENERGY = math.erf(_GAUSSIAN_REACH / math.sqrt(2))
+"""Energy of the whole Gaussian within that."""
+
+_GAUSSIAN_SIGMA = math.sqrt(
+    1 - 2 * _GAUSSIAN_REACH * math.exp(-(_GAUSSIAN_REACH**2) / 2) / math.sqrt(2 * math.pi) / _GAUSSIAN_ENERGY
+)
+"""Standard deviation of what is left; footprints are stretched by its inverse, so that theirs is as asked for."""
+
+_REACH = {"gaussian": _GAUSSIAN_REACH / _GAUSSIAN_SIGMA, "spline": 3.0}
+"""Half-width of each profile in standard deviations."""
+
+_BOX_VARIANCE = 1 / 12
+"""Variance of a pixel's box [px^2]."""
+
+_LEAST_SIGMA_PX = 0.02
+"""Standard deviation added to every footprint [px]."""
+
+_LARGEST_SIGMA = 1 / 16
+"""Largest root of a footprint's trace, as a fraction of the image."""
 
 
 def spline_coefficients(heights: torch.Tensor) -> torch.Tensor:
     """Interpolating spline coefficients of edge-extended heights [n, n] -> [n + 48, n + 48]."""
     n = heights.shape[0]
-    index = torch.clamp(torch.arange(-_EXTENSION, n + _EXTENSION), 0, n - 1)
-    extended = heights[index][:, index]
+    index = torch.clamp(torch.arange(-_EXTENSION, n + _EXTENSION), 0, n - 1)  # [n + 48]
+    extended = heights[index][:, index]  # [n + 48, n + 48]
     size = len(index)
-    matrix = torch.eye(size, dtype=torch.float64) * (4 / 6)
+    matrix = torch.eye(size, dtype=torch.float64) * (4 / 6)  # [n + 48, n + 48], samples of the spline
     matrix += torch.diag(torch.full((size - 1,), 1 / 6, dtype=torch.float64), 1)
     matrix += torch.diag(torch.full((size - 1,), 1 / 6, dtype=torch.float64), -1)
     # Beyond the extension the coefficients equal the constant edge value.
@@ -42,24 +67,24 @@ def spline_basis(u: torch.Tensor) -> torch.Tensor:
 def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
     """h at a point (x, y) [m], shape [2] -> scalar [m]."""
     n = scene.height_samples
-    index = torch.arange(coefficients.shape[0], dtype=torch.float64) - _EXTENSION
+    index = torch.arange(coefficients.shape[0], dtype=torch.float64) - _EXTENSION  # [n + 48]
     u, v = (point / torch.tensor(scene.plate_size_m, dtype=torch.float64) + 0.5) * n - 0.5
     return spline_basis(v - index) @ coefficients @ spline_basis(u - index)
 
 
 def screen_position(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
     """Where the path through a point of the relief meets the screen [m], shape [2] -> [2]; NaN if reflected."""
-    height = surface_height(point, coefficients, scene)
-    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)
-    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
+    height = surface_height(point, coefficients, scene)  # scalar [m]
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
     normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
-    normal = normal / torch.linalg.vector_norm(normal)
-    direction = incident_direction(position, scene)
-    inside = refract(direction, normal, 1.0, scene.glass_indices[channel])
-    position = position + inside * (position[2] / -inside[2])
+    normal = normal / torch.linalg.vector_norm(normal)  # [3]
+    direction = incident_direction(position, scene)  # [3]
+    inside = refract(direction, normal, 1.0, scene.glass_indices[channel])  # [3]
+    position = position + inside * (position[2] / -inside[2])  # [3], on the bottom face
     upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
-    outside = refract(inside, upward, scene.glass_indices[channel], scene.exit_indices[channel])
-    position = position + outside * ((position[2] - scene.screen_position_m[2]) / -outside[2])
+    outside = refract(inside, upward, scene.glass_indices[channel], scene.exit_indices[channel])  # [3]
+    position = position + outside * ((position[2] - scene.screen_position_m[2]) / -outside[2])  # [3], on the screen
     return position[:2]
 
 
@@ -84,9 +109,9 @@ def path_weight(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -
     """Irradiance on the (x, y) plane per unit radiosity at a point of the relief."""
     if scene.is_collimated:
         return torch.ones((), dtype=torch.float64)
-    height = surface_height(point, coefficients, scene)
-    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)
-    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
+    height = surface_height(point, coefficients, scene)  # scalar [m]
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
     ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
     distance = torch.linalg.vector_norm(ray)
     facing = -(ray @ torch.cat([-slope, torch.ones(1, dtype=torch.float64)])) / distance
@@ -101,13 +126,13 @@ def profile_distribution(t: torch.Tensor, profile: Profile) -> torch.Tensor:
         # Integral of the quadratic B-spline: truncated powers of degree 3 at knots 2 apart.
         terms = ((-1) ** k * math.comb(3, k) * torch.relu(t / 2 + 1.5 - k) ** 3 / 6 for k in range(4))
         return sum(terms, torch.zeros_like(t))
-    scaled = torch.clamp(t / math.sqrt(WIDENING), -GAUSSIAN_REACH, GAUSSIAN_REACH)
-    below: torch.Tensor = 0.5 + NORMALISATION * (torch.special.ndtr(scaled) - 0.5)
+    scaled = torch.clamp(t * _GAUSSIAN_SIGMA, -_GAUSSIAN_REACH, _GAUSSIAN_REACH)
+    below: torch.Tensor = 0.5 + (torch.special.ndtr(scaled) - 0.5) / _GAUSSIAN_ENERGY
     return below
 
 
 def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int, profile: Profile) -> torch.Tensor:
-    """Integral of footprints over all pixels by the rule of ``kernels/splat.py``, without a window.
+    """Integral of footprints over all pixels by the rule of ``kernels/pixels.py``, without a window.
 
     Args:
         centre: (column, row) [px], shape [N, 2].
@@ -119,12 +144,14 @@ def footprint_pixels(centre: torch.Tensor, covariance: torch.Tensor, pixels: int
         Shape [N, m, m].
     """
     var_x, cov, var_y = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    edges = torch.arange(pixels + 1, dtype=torch.float64)
-    rows = profile_distribution((edges - centre[:, 1, None]) / var_y.sqrt()[:, None], profile).diff(dim=1)
-    beta = cov / (var_y + BOX_VARIANCE)
-    row_centre = centre[:, 0, None] + beta[:, None] * (edges[:-1] + 0.5 - centre[:, 1, None])
-    sigma = (var_x - beta * cov).sqrt()
-    columns = profile_distribution((edges - row_centre[:, :, None]) / sigma[:, None, None], profile).diff(dim=2)
+    edges = torch.arange(pixels + 1, dtype=torch.float64)  # [m + 1]
+    offset = edges - centre[:, 1, None]  # [N, m + 1]
+    rows = profile_distribution(offset / var_y.sqrt()[:, None], profile).diff(dim=1)  # [N, m]
+    beta = cov / (var_y + _BOX_VARIANCE)  # [N]
+    row_centre = centre[:, 0, None] + beta[:, None] * (offset[:, :-1] + 0.5)  # [N, m]
+    sigma = (var_x - beta * cov).sqrt()  # [N]
+    across = (edges - row_centre[:, :, None]) / sigma[:, None, None]  # [N, m, m + 1]
+    columns = profile_distribution(across, profile).diff(dim=2)  # [N, m, m]
     return rows[:, :, None] * columns
 
 
@@ -141,31 +168,33 @@ def oracle_image(
     Differentiable by autograd. ``squeeze`` ends footprints at the edge of the plate, as for lattices.
     """
     count = len(positions)
-    coefficients = spline_coefficients(heights.to(torch.float64))
-    pixel = torch.tensor(scene.pixel_size_m, dtype=torch.float64)
-    window = torch.tensor(scene.screen_position_m[:2], dtype=torch.float64)
-    corner = window - torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2
-    sigma0 = footprint_sigma_m(scene, smoothing, count)
+    coefficients = spline_coefficients(heights.to(torch.float64))  # [n + 48, n + 48]
+    pixel = torch.tensor(scene.pixel_size_m, dtype=torch.float64)  # [2]
+    window = torch.tensor(scene.screen_position_m[:2], dtype=torch.float64)  # [2]
+    corner = window - torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2  # [2]
+    # Covariance of the biweight kernel on a disc of radius s sqrt(A / (pi n_l)).
+    sigma0 = smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * count))
     share = scene.plate_area_m2 / count / float(pixel.prod())
-    weight = torch.vmap(lambda p: path_weight(p, coefficients, scene))(positions) * share
-    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)
-    sigma = torch.full_like(positions, sigma0)
+    weight = torch.vmap(lambda p: path_weight(p, coefficients, scene))(positions) * share  # [N]
+    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)  # [2]
+    sigma = torch.full_like(positions, sigma0)  # [N, 2]
     if squeeze:
-        sigma = torch.minimum(sigma, (size / 2 - positions.abs()) / REACH[profile])
+        sigma = torch.minimum(sigma, (size / 2 - positions.abs()) / _REACH[profile])
     channels = []
     for c in range(scene.n_wavelengths):
 
         def landing(p: torch.Tensor, channel: int = c) -> torch.Tensor:
             return screen_position(p, coefficients, scene, channel)
 
-        centre = (torch.vmap(landing)(positions) - corner) / pixel
-        jacobian = torch.vmap(torch.func.jacfwd(landing))(positions) / pixel[:, None] * sigma[:, None, :]
-        covariance = jacobian @ jacobian.transpose(1, 2)
-        trace = covariance.diagonal(dim1=1, dim2=2).sum(1)
-        largest = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
+        centre = (torch.vmap(landing)(positions) - corner) / pixel  # [N, 2]
+        jacobian = torch.vmap(torch.func.jacfwd(landing))(positions)  # [N, 2, 2]
+        spread = jacobian / pixel[:, None] * sigma[:, None, :]  # [N, 2, 2], per standard deviation on the plate [px]
+        covariance = spread @ spread.transpose(1, 2)  # [N, 2, 2]
+        trace = covariance.diagonal(dim1=1, dim2=2).sum(1)  # [N]
+        largest = (_LARGEST_SIGMA * scene.image_pixels) ** 2
         covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
-        covariance = covariance + MIN_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
-        keep = torch.isfinite(centre).all(1) & (weight > 0)
-        shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)
+        covariance = covariance + _LEAST_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
+        keep = torch.isfinite(centre).all(1) & (weight > 0)  # [N]
+        shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)  # [N, m, m]
         channels.append(torch.einsum("p,pij->ij", weight[keep], shares) * scene.radiosity_W_m2[c])
     return torch.stack(channels)

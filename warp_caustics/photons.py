@@ -113,6 +113,13 @@ class PhotonPlan:
             for first in range(0, self.count, max_photons):
                 yield Chunk(first, min(max_photons, self.count - first))
 
+    def axes(self, chunk: Chunk, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+        """Grid's axes [m]: x of all columns and y of the chunk's rows, shape [2, max(columns, rows)]."""
+        axes = torch.zeros(2, max(self.columns, chunk.rows), dtype=torch.float64)
+        axes[0, : self.columns] = torch.from_numpy(self.grid_x)
+        axes[1, : chunk.rows] = torch.from_numpy(self.grid_y[chunk.first_row : chunk.first_row + chunk.rows])
+        return axes.to(device, dtype)
+
     def positions(self, chunk: Chunk, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
         """Starting points (x, y) of a chunk [m], shape [chunk.count, 2]."""
         width, length = self.scene.plate_size_m

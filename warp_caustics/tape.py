@@ -44,16 +44,13 @@ def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: Any) -
     wp.launch(surface.prefilter_columns, filtered.shape, [prefilter, heights], [filtered], device=device)
     wp.launch(surface.prefilter_rows, coefficients.shape, [prefilter, filtered], [coefficients], device=device)
     image = zeros(batch, scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
-    pitch_x, pitch_y = scene.sample_pitch_m
-    optical = [constant(engine.eta), constant(engine.ratio), constant(engine.radiosity), engine.optics]
-    for chunk, points in engine.chunks(batch):
-        positions = constant(points)
+    for chunk, positions in engine.chunks(batch):
+        photons = engine.photons(positions)
         maps = zeros(batch, len(MAP_NAMES), chunk.count)
-        inputs = [coefficients, positions, 1 / pitch_x, 1 / pitch_y, n]
-        wp.launch(surface.gather_surface, (batch, chunk.count), inputs, [maps], device=device)
+        wp.launch(surface.gather_surface, (batch, chunk.count), [coefficients, photons], [maps], device=device)
         records = zeros(batch, scene.n_wavelengths, len(RECORD_NAMES), chunk.count)
         dim = (batch, scene.n_wavelengths, chunk.count)
-        wp.launch(engine.tracer.trace, dim, [maps, positions, *optical], [records], device=device)
+        wp.launch(engine.tracer.trace, dim, [maps, photons], [records], device=device)
         _record_splat(tape, engine.splatter.splat, engine.splatter.splat_adjoint, records, image)
     return image
 

@@ -101,13 +101,13 @@ def test_replayed_graphs_give_what_launches_give(monkeypatch):
 
 def test_deferred_wide_footprints_are_not_lost(monkeypatch):
     """A far screen behind a steep relief has footprints of all sizes; deferring changes nothing but the order."""
-    import warp_caustics.engine as engine
+    import warp_caustics.optics as optics
 
     scene = Scene(height_samples=16, image_pixels=256, screen_position_m=(0, 0, -0.05))
     heights = torch.nn.functional.interpolate(bumpy()[None, None] * 5, (16, 16), mode="bicubic")[0, 0].cuda()
     images = []
     for wide in (8, 10**9):
-        monkeypatch.setattr(engine, "WIDE_PIXELS", wide)
+        monkeypatch.setattr(optics, "WIDE_PIXELS", wide)
         simulator = CausticSimulator(scene, n_photons=300**2, device="cuda", dtype=torch.float64)
         leaf = heights.clone().requires_grad_()
         image = simulator(leaf)
@@ -142,6 +142,6 @@ def test_channels_together_change_nothing(monkeypatch, preset):
         image.square().sum().backward()
         results.append((image.detach(), leaf.grad))
         is_new = torch.cuda.get_device_capability()[0] >= 9
-        assert simulator.engine.fused.packs == (arch == 90 and is_new)
+        assert (simulator.engine.fused.width == 3) == (arch == 90 and is_new)
     for found, expected in zip(*results, strict=True):
         assert float((found - expected).norm()) <= 1e-5 * float(expected.norm())

@@ -4,11 +4,14 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
-from warp_caustics.kernels.fused_splat import fused_splat_kernels
 from warp_caustics.oracle import oracle_image
 
 SCENE = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
+
+
+def add_together(fused):
+    """All wavelengths of a photon at once, as on GPUs: these always leave wide footprints to a second launch."""
+    fused.width, fused.defers = fused.channels, True
 
 
 def image_and_gradient(
@@ -17,7 +20,7 @@ def image_and_gradient(
     wide_pixels=None,
     profile="spline",
     placement="lattice",
-    packed=False,
+    together=False,
     scene=SCENE,
     slots=None,
 ):
@@ -25,16 +28,15 @@ def image_and_gradient(
     simulator = CausticSimulator(
         scene, n_photons=900, smoothing=2.5, dtype=torch.float64, profile=profile, placement=placement
     )
-    engine, fused = simulator.engine, simulator.engine.fused
-    fused.packs = packed
+    fused = simulator.engine.fused
+    if together:
+        add_together(fused)
     if slots is not None:
         fused.max_blocks = slots
-    variant = engine.warp_dtype, profile, lanes, placement == "lattice", defers
     fused.lanes = fused.adjoint_lanes = lanes
-    fused.defers = defers
-    fused.kernels, fused.adjoint_kernels = fused_splat_kernels(*variant), fused_adjoint_kernels(*variant)
+    fused.defers = fused.defers or defers
     if wide_pixels is not None:
-        engine.optics.wide_pixels = wide_pixels
+        simulator.engine.optics.shared.wide_pixels = wide_pixels
     generator = torch.Generator().manual_seed(0)
     heights = 2e-4 * torch.randn(2, 10, 10, generator=generator, dtype=torch.float64).abs()
     weights = torch.randn(2, scene.n_wavelengths, 20, 20, generator=generator, dtype=torch.float64)
@@ -93,7 +95,7 @@ def test_channels_together_change_nothing(case, profile):
     placement = "lattice" if profile == "spline" else "random"
     arguments = {"scene": scene, "profile": profile, "placement": placement}
     expected = image_and_gradient(**arguments)
-    found = image_and_gradient(**arguments, wide_pixels=wide_pixels, packed=True)
+    found = image_and_gradient(**arguments, wide_pixels=wide_pixels, together=True)
     for a, b in zip(found, expected, strict=True):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
 
@@ -107,11 +109,12 @@ def test_channels_far_apart_are_done_one_by_one(wide_pixels):
     heights = wedge + 2e-5 * torch.randn(1, 10, 10, generator=generator, dtype=torch.float64)
     weights = torch.randn(1, 3, 400, 400, generator=generator, dtype=torch.float64)
     results = []
-    for packs in (False, True):
+    for together in (False, True):
         simulator = CausticSimulator(scene, n_photons=400, smoothing=0.3, dtype=torch.float64)
         engine = simulator.engine
-        engine.fused.packs = packs
-        engine.optics.wide_pixels = wide_pixels
+        if together:
+            add_together(engine.fused)
+        engine.optics.shared.wide_pixels = wide_pixels
         leaf = heights.clone().requires_grad_()
         image = simulator(leaf)
         (image * weights).sum().backward()
@@ -129,7 +132,7 @@ def test_channels_far_apart_are_done_one_by_one(wide_pixels):
 def test_a_full_list_of_blocks_loses_nothing(slots):
     """Wide footprints that find no room on the list are done at once."""
     expected = image_and_gradient()
-    found = image_and_gradient(wide_pixels=0.0, packed=True, slots=slots)
+    found = image_and_gradient(wide_pixels=0.0, together=True, slots=slots)
     for a, b in zip(found, expected, strict=True):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
 
@@ -138,9 +141,8 @@ def test_packed_image_and_gradient_match_the_oracle():
     """float64 to 1e-10 of the largest value, several blocks of rows per footprint included."""
     scene = SCENE.model_copy(update={"image_pixels": 80})
     simulator = CausticSimulator(scene, n_photons=400, smoothing=6.0, dtype=torch.float64)
-    fused = simulator.engine.fused
-    fused.packs = True
-    simulator.engine.optics.wide_pixels = 30.0
+    add_together(simulator.engine.fused)
+    simulator.engine.optics.shared.wide_pixels = 30.0
     generator = torch.Generator().manual_seed(0)
     heights = 2e-4 * torch.randn(10, 10, generator=generator, dtype=torch.float64).abs()
     weights = torch.randn(3, 80, 80, generator=generator, dtype=torch.float64)

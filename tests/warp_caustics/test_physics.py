@@ -11,9 +11,9 @@ from data_gen.patterns import draw_strokes, padded
 from data_gen.reliefs import print_strokes
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.energy import energy_budget
-from warp_caustics.engine import footprint_sigma_m
 from warp_caustics.height_field import cell_centres
 from warp_caustics.kernels.trace import FATE_NAMES
+from warp_caustics.optics import footprint_sigma_m
 
 CONTACT = Scene(height_samples=32, image_pixels=64, exit_medium="glass")
 

@@ -1,8 +1,9 @@
 """Warp kernels, one stage per file: photons -> surface -> trace -> splat.
 
-For collimated light ``fused_splat`` and ``fused_adjoint`` do surface, trace and
-splat of a photon at once, and the ``packed`` files all its wavelengths on GPUs;
-the separate stages serve point lights and tapes.
+For collimated light ``fused`` and ``fused_adjoint`` do surface, refraction
+(``collimated``) and splat of a photon at once; the separate stages serve point
+lights and tapes. Both meet in ``pixels``, the only place that knows how a
+footprint is spread over pixels.
 
 Kernels know nothing of torch. Each file has a memoised factory, because Warp
 never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same
@@ -25,6 +26,13 @@ MAP_NAMES = ("h", "h_x", "h_y", "h_xx", "h_xy", "h_yy")
 
 RECORD_NAMES = ("column", "row", "var_column", "cov", "var_row", "amplitude")
 """Planes of the footprint records: centre [px], covariance [px^2], irradiance x pixels [W/m^2]."""
+
+
+def specialised(struct: type, *key: Any) -> Any:
+    """Warp struct of a class whose annotations depend on the key: a name of its own keeps C++ types apart."""
+    words = [getattr(part, "__name__", str(part)) for part in key]
+    struct.__name__ = struct.__qualname__ = "_".join([struct.__name__, *words])
+    return wp.struct(struct)
 
 
 def dtype_of(bits: int) -> Any:

@@ -1,4 +1,4 @@
-"""Refraction of collimated light as scalar functions of the slope, and what the fused kernels share.
+"""Refraction of collimated light as scalar functions of the slope, from the relief to a footprint and back.
 
 With parallel light the shift between relief and screen points uphill, and
 Snell's law makes it a scalar times the slope:
@@ -12,8 +12,11 @@ with eta = 1/n and ratio = n / n_exit. With the Hessian H and K' = dK/dM the Jac
     J = I + K H + grad h (k grad h + 2 K' H grad h)^T.
 
 So a wavelength costs a few square roots, and the adjoint is short enough to be
-written by hand (``fused_adjoint.py``). ``trace.py`` is the general form; both are
-tested against the oracle.
+written by hand. ``trace.py`` is the general form, whose derivative is Warp's; both
+are tested against the oracle.
+
+Not modelled here: light that does not come along -z, Fresnel losses, a second hit
+of the relief.
 """
 
 from functools import cache
@@ -22,32 +25,55 @@ from typing import Any, no_type_check
 
 import warp as wp
 
-from warp_caustics.kernels.splat import BOX_VARIANCE, REACH
-from warp_caustics.kernels.trace import FAR_PX, GRAZING, optics_struct
+from warp_caustics.kernels import specialised
+from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
+from warp_caustics.kernels.photons import optics_struct
+from warp_caustics.kernels.surface import photon_struct
+from warp_caustics.kernels.trace import FAR_PX, GRAZING
 
 
 @cache
-def collimated_functions(dtype: Any, profile: str, is_lattice: bool) -> SimpleNamespace:
-    """Warp functions for float32 or float64.
-
-    Args:
-        dtype: wp.float32 or wp.float64.
-        profile: shape of the footprint, one of ``PROFILES``.
-        is_lattice: photons lie on a grid (positions are its axes) instead of anywhere.
-    """
+def collimated_functions(dtype: Any) -> SimpleNamespace:
+    """Warp functions for float32 or float64: ``refraction``, ``footprint`` and ``footprint_adjoint``."""
     Optics = optics_struct(dtype)
+    Photon = photon_struct(dtype)
+    Footprint = footprint_struct(dtype, 0)
+    functions = footprint_functions(dtype)
+    plate_sigma, footprint_of = functions.plate_sigma, functions.footprint_of
+    screen_covariance, screen_covariance_adjoint = functions.screen_covariance, functions.screen_covariance_adjoint
+    covariance_adjoint = functions.covariance_adjoint
     zero = wp.constant(dtype(0.0))
     half = wp.constant(dtype(0.5))
     one = wp.constant(dtype(1.0))
     two = wp.constant(dtype(2.0))
     quarter = wp.constant(dtype(0.25))
     three_halves = wp.constant(dtype(1.5))
-    reach = wp.constant(dtype(REACH[profile]))
     grazing = wp.constant(dtype(GRAZING))
-    box = wp.constant(dtype(BOX_VARIANCE))
     far = wp.constant(dtype(FAR_PX))
-    vec5 = wp.types.vector(length=5, dtype=dtype)
+    vec3 = wp.types.vector(length=3, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
+
+    class Refraction:
+        k: dtype  # shift per thickness and slope, inside the glass [1]
+        k_m: dtype  # its derivative by M
+        e: dtype  # shift per gap and slope, behind the bottom face [1]
+        e_m: dtype  # its derivatives by M
+        e_mm: dtype
+        cosine2: dtype  # squared cosine behind the bottom face; no light leaves below GRAZING
+
+    class Differentials:
+        shift: dtype  # K [m]
+        shift_m: dtype  # 2 dK/dM [m]
+        w_x: dtype  # k grad h + 2 K' H grad h [1]
+        w_y: dtype
+        j_xx: dtype  # J times the footprint's standard deviation on the plate [px]
+        j_xy: dtype
+        j_yx: dtype
+        j_yy: dtype
+        raw: vec3  # J J^T: var_x, cov, var_y [px^2]
+
+    Refraction = specialised(Refraction, dtype)
+    Differentials = specialised(Differentials, dtype)
 
     @no_type_check
     @wp.func
@@ -89,173 +115,105 @@ def collimated_functions(dtype: Any, profile: str, is_lattice: bool) -> SimpleNa
 
     @no_type_check
     @wp.func
-    def footprint_sigma(x: dtype, half_length: dtype, optics: Optics):
-        """Standard deviation on the plate along one axis [m], squeezed near the edge of the plate."""
-        sigma = optics.sigma0
-        if optics.squeeze > zero:
-            sigma = wp.min(sigma, (half_length - wp.abs(x)) / optics.squeeze)
-        return sigma
-
-    @no_type_check
-    @wp.func
     def refraction(maps: vec6, eta: dtype, ratio: dtype):
-        """k, dk/dM, e, de/dM, d2e/dM2 and the squared cosine behind the bottom face."""
         m = one + maps[1] * maps[1] + maps[2] * maps[2]
-        k, k1 = inside_slope(m, eta)
-        e, e1, e2, q = exit_slope(m, eta, ratio)
-        return vec6(k, k1, e, e1, e2, q)
+        k, k_m = inside_slope(m, eta)
+        e, e_m, e_mm, cosine2 = exit_slope(m, eta, ratio)
+        return Refraction(k, k_m, e, e_m, e_mm, cosine2)
 
     @no_type_check
     @wp.func
-    def footprint(x: dtype, y: dtype, maps: vec6, slopes: vec6, radiosity: dtype, optics: Optics):
-        """Column, row, sigma_x of a row's profile, sigma_y, beta [px] and amplitude; amplitude 0 if no light lands."""
-        found = vec6(-far, -far, one, one, zero, zero)
-        if slopes[5] > grazing:
-            h_x = maps[1]
-            h_y = maps[2]
-            k = slopes[0]
-            thickness = optics.base + maps[0]
-            scale_x = footprint_sigma(x, optics.half_x, optics)
-            scale_y = footprint_sigma(y, optics.half_y, optics)
-            shift = thickness * k + optics.gap * slopes[2]
-            shift1 = two * (thickness * slopes[1] + optics.gap * slopes[3])
-            w_x = k * h_x + shift1 * (h_x * maps[3] + h_y * maps[4])
-            w_y = k * h_y + shift1 * (h_x * maps[4] + h_y * maps[5])
-            j_xx = (one + shift * maps[3] + h_x * w_x) * scale_x * optics.pixels_per_m_x
-            j_xy = (shift * maps[4] + h_x * w_y) * scale_y * optics.pixels_per_m_x
-            j_yx = (shift * maps[4] + h_y * w_x) * scale_x * optics.pixels_per_m_y
-            j_yy = (one + shift * maps[5] + h_y * w_y) * scale_y * optics.pixels_per_m_y
-            var_x = j_xx * j_xx + j_xy * j_xy
-            cov = j_xx * j_yx + j_xy * j_yy
-            var_y = j_yx * j_yx + j_yy * j_yy
-            shrink = wp.min(one, optics.max_var / wp.max(var_x + var_y, optics.min_var))
-            var_x = shrink * var_x + optics.min_var
-            cov = shrink * cov
-            var_y = shrink * var_y + optics.min_var
-            beta = cov / (var_y + box)
-            column = (x + shift * h_x - optics.window_x) * optics.pixels_per_m_x
-            row = (y + shift * h_y - optics.window_y) * optics.pixels_per_m_y
-            found = vec6(column, row, wp.sqrt(var_x - beta * cov), wp.sqrt(var_y), beta, optics.area * radiosity)
-        return found
-
-    @no_type_check
-    @wp.func
-    def footprint_adjoint(
-        x: dtype,
-        y: dtype,
-        maps: vec6,
-        eta: dtype,
-        slopes: vec6,
-        radiosity: dtype,
-        optics: Optics,
-        beta: dtype,
-        inv_x: dtype,
-        inv_y: dtype,
-        moments: vec5,
-    ):
-        """Gradient of the surface maps from that of a footprint with light: column, row, sigma_x, sigma_y, beta."""
+    def differentials(photon: Photon, bent: Refraction, optics: Optics):
+        """Shift between relief and screen, and the Jacobian of plate -> screen."""
+        maps = photon.maps
         h_x = maps[1]
         h_y = maps[2]
-        m = one + h_x * h_x + h_y * h_y
         thickness = optics.base + maps[0]
-        v_x = h_x * maps[3] + h_y * maps[4]
-        v_y = h_x * maps[4] + h_y * maps[5]
-        scale_x = footprint_sigma(x, optics.half_x, optics)
-        scale_y = footprint_sigma(y, optics.half_y, optics)
-        k = slopes[0]
-        k1 = slopes[1]
-        e1 = slopes[3]
-        e2 = slopes[4]
-        shift = thickness * k + optics.gap * slopes[2]
-        shift1 = two * (thickness * k1 + optics.gap * e1)
-        w_x = k * h_x + shift1 * v_x
-        w_y = k * h_y + shift1 * v_y
+        shift = thickness * bent.k + optics.gap * bent.e
+        shift_m = two * (thickness * bent.k_m + optics.gap * bent.e_m)
+        w_x = bent.k * h_x + shift_m * (h_x * maps[3] + h_y * maps[4])
+        w_y = bent.k * h_y + shift_m * (h_x * maps[4] + h_y * maps[5])
+        scale_x = plate_sigma(photon.x, optics.half_x, optics)
+        scale_y = plate_sigma(photon.y, optics.half_y, optics)
         j_xx = (one + shift * maps[3] + h_x * w_x) * scale_x * optics.pixels_per_m_x
         j_xy = (shift * maps[4] + h_x * w_y) * scale_y * optics.pixels_per_m_x
         j_yx = (shift * maps[4] + h_y * w_x) * scale_x * optics.pixels_per_m_y
         j_yy = (one + shift * maps[5] + h_y * w_y) * scale_y * optics.pixels_per_m_y
-        raw_x = j_xx * j_xx + j_xy * j_xy
-        raw_cov = j_xx * j_yx + j_xy * j_yy
-        raw_y = j_yx * j_yx + j_yy * j_yy
-        spread = wp.max(raw_x + raw_y, optics.min_var)
-        shrink = wp.min(one, optics.max_var / spread)
-        amplitude = optics.area * radiosity
-        # Adjoint of the covariance.
-        g_cov_of_beta = moments[4] / (shrink * raw_y + optics.min_var + box)
-        g_v = moments[2] * half * inv_x
-        g_cov = g_cov_of_beta - two * beta * g_v
-        g_vary = moments[3] * half * inv_y + beta * (beta * g_v - g_cov_of_beta)
-        if shrink < one:
-            g_spread = -(g_v * raw_x + g_cov * raw_cov + g_vary * raw_y) * shrink / spread
-            g_v = shrink * g_v + g_spread
-            g_cov = shrink * g_cov
-            g_vary = shrink * g_vary + g_spread
-        g_jxx = amplitude * (two * g_v * j_xx + g_cov * j_yx) * scale_x * optics.pixels_per_m_x
-        g_jxy = amplitude * (two * g_v * j_xy + g_cov * j_yy) * scale_y * optics.pixels_per_m_x
-        g_jyx = amplitude * (two * g_vary * j_yx + g_cov * j_xx) * scale_x * optics.pixels_per_m_y
-        g_jyy = amplitude * (two * g_vary * j_yy + g_cov * j_xy) * scale_y * optics.pixels_per_m_y
-        g_x = amplitude * moments[0] * optics.pixels_per_m_x
-        g_y = amplitude * moments[1] * optics.pixels_per_m_y
-        # Adjoint of the refraction.
+        raw = vec3(j_xx * j_xx + j_xy * j_xy, j_xx * j_yx + j_xy * j_yy, j_yx * j_yx + j_yy * j_yy)
+        return Differentials(shift, shift_m, w_x, w_y, j_xx, j_xy, j_yx, j_yy, raw)
+
+    @no_type_check
+    @wp.func
+    def footprint(photon: Photon, bent: Refraction, radiosity: dtype, optics: Optics):
+        """Footprint of a photon at one wavelength; amplitude 0 if no light lands."""
+        found = Footprint(-far, -far, one, one, zero, zero)
+        if bent.cosine2 > grazing:
+            d = differentials(photon, bent, optics)
+            column = (photon.x + d.shift * photon.maps[1] - optics.window_x) * optics.pixels_per_m_x
+            row = (photon.y + d.shift * photon.maps[2] - optics.window_y) * optics.pixels_per_m_y
+            found = footprint_of(column, row, screen_covariance(d.raw, optics), optics.area * radiosity)
+        return found
+
+    @no_type_check
+    @wp.func
+    def footprint_adjoint(photon: Photon, eta: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint):
+        """Gradient of the surface maps [6] from that of a footprint with light.
+
+        ``g`` is for unit amplitude, as ``pixels.gather`` gives it. ``g.amplitude`` goes nowhere: the amplitude does
+        not depend on the relief.
+        """
+        maps = photon.maps
+        h_x = maps[1]
+        h_y = maps[2]
+        m = one + h_x * h_x + h_y * h_y
+        thickness = optics.base + maps[0]
+        d = differentials(photon, bent, optics)
+        # --- row's profile -> covariance -> J, [per px^2] and [per px]
+        covariance = screen_covariance(d.raw, optics)
+        g_raw = screen_covariance_adjoint(d.raw, covariance_adjoint(f, covariance[2], g), optics)
+        unit_x = f.amplitude * plate_sigma(photon.x, optics.half_x, optics)
+        unit_y = f.amplitude * plate_sigma(photon.y, optics.half_y, optics)
+        g_jxx = (two * g_raw[0] * d.j_xx + g_raw[1] * d.j_yx) * unit_x * optics.pixels_per_m_x
+        g_jxy = (two * g_raw[0] * d.j_xy + g_raw[1] * d.j_yy) * unit_y * optics.pixels_per_m_x
+        g_jyx = (two * g_raw[2] * d.j_yx + g_raw[1] * d.j_xx) * unit_x * optics.pixels_per_m_y
+        g_jyy = (two * g_raw[2] * d.j_yy + g_raw[1] * d.j_xy) * unit_y * optics.pixels_per_m_y
+        # --- landing [per m]
+        g_x = f.amplitude * g.column * optics.pixels_per_m_x
+        g_y = f.amplitude * g.row * optics.pixels_per_m_y
+        # --- J and landing -> K, K', k, and by those M
         a_x = g_jxx * h_x + g_jyx * h_y
         a_y = g_jxy * h_x + g_jyy * h_y
+        v_x = h_x * maps[3] + h_y * maps[4]
+        v_y = h_x * maps[4] + h_y * maps[5]
         g_cross = g_jxy + g_jyx
         g_shift = g_x * h_x + g_y * h_y + g_jxx * maps[3] + g_cross * maps[4] + g_jyy * maps[5]
-        g_shift1 = two * (a_x * v_x + a_y * v_y)
+        g_shift_m = two * (a_x * v_x + a_y * v_y)
         g_k = a_x * h_x + a_y * h_y + g_shift * thickness
-        k2 = inside_curvature(m, eta, k)
-        g_m = g_k * k1 + g_shift1 * thickness * k2 + optics.gap * (g_shift * e1 + g_shift1 * e2)
-        g_vx = shift1 * a_x
-        g_vy = shift1 * a_y
+        k_mm = inside_curvature(m, eta, bent.k)
+        g_m = g_k * bent.k_m + g_shift_m * thickness * k_mm
+        g_m += optics.gap * (g_shift * bent.e_m + g_shift_m * bent.e_mm)
+        # --- to height, slopes and second derivatives (MAP_NAMES)
+        g_vx = d.shift_m * a_x
+        g_vy = d.shift_m * a_y
         return vec6(
-            g_shift * k + g_shift1 * k1,
-            g_x * shift + g_jxx * w_x + g_jxy * w_y + k * a_x + two * h_x * g_m + g_vx * maps[3] + g_vy * maps[4],
-            g_y * shift + g_jyx * w_x + g_jyy * w_y + k * a_y + two * h_y * g_m + g_vx * maps[4] + g_vy * maps[5],
-            g_jxx * shift + g_vx * h_x,
-            g_cross * shift + g_vx * h_y + g_vy * h_x,
-            g_jyy * shift + g_vy * h_y,
+            g_shift * bent.k + g_shift_m * bent.k_m,
+            g_x * d.shift
+            + g_jxx * d.w_x
+            + g_jxy * d.w_y
+            + bent.k * a_x
+            + two * h_x * g_m
+            + g_vx * maps[3]
+            + g_vy * maps[4],
+            g_y * d.shift
+            + g_jyx * d.w_x
+            + g_jyy * d.w_y
+            + bent.k * a_y
+            + two * h_y * g_m
+            + g_vx * maps[4]
+            + g_vy * maps[5],
+            g_jxx * d.shift + g_vx * h_x,
+            g_cross * d.shift + g_vx * h_y + g_vy * h_x,
+            g_jyy * d.shift + g_vy * h_y,
         )
 
-    @no_type_check
-    @wp.func
-    def place(positions: wp.array2d[dtype], p: wp.int32, columns: wp.int32):
-        """Starting point (x, y) of photon p [m]."""
-        x = zero
-        y = zero
-        if wp.static(is_lattice):
-            x = positions[0, p % columns]
-            y = positions[1, p // columns]
-        else:
-            x = positions[p, 0]
-            y = positions[p, 1]
-        return x, y
-
-    @no_type_check
-    @wp.func
-    def defer(
-        b: wp.int32,
-        p: wp.int32,
-        c: wp.int32,
-        lane: wp.int32,
-        photons: wp.int32,
-        channels: wp.int32,
-        sigma_x: dtype,
-        sigma_y: dtype,
-        optics: Optics,
-        deferred: wp.array[wp.int32],
-        deferred_count: wp.array[wp.int32],
-    ):
-        """Put a footprint that covers many pixels on the list for many threads; False if it is small.
-
-        Otherwise a launch would wait for the few photons with footprints of thousands of pixels.
-        """
-        is_put_off = False
-        if (two * reach * sigma_x + one) * (two * reach * sigma_y + one) > optics.wide_pixels:
-            is_put_off = True
-            if lane == 0:
-                deferred[wp.atomic_add(deferred_count, 0, 1)] = (b * photons + p) * channels + c
-        return is_put_off
-
-    return SimpleNamespace(
-        refraction=refraction, footprint=footprint, footprint_adjoint=footprint_adjoint, place=place, defer=defer
-    )
+    return SimpleNamespace(refraction=refraction, footprint=footprint, footprint_adjoint=footprint_adjoint)

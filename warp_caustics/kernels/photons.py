@@ -1,10 +1,62 @@
-"""Where independent random photons start on the plate."""
+"""What all photons of a launch share, and where independent random ones start on the plate."""
 
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels import specialised
+
+
+@cache
+def optics_struct(dtype: Any) -> Any:
+    """Struct with everything about the scene that is the same for all paths and wavelengths."""
+
+    class Optics:
+        base: dtype  # d [m]
+        gap: dtype  # bottom face to screen [m]
+        window_x: dtype  # lower edges of the image window [m]
+        window_y: dtype
+        pixels_per_m_x: dtype
+        pixels_per_m_y: dtype
+        image_pixels: dtype
+        sigma0: dtype  # standard deviation of the footprint on the plate [m]
+        half_x: dtype  # half the plate [m]
+        half_y: dtype
+        squeeze: dtype  # standard deviations between a photon and the nearest edge, at least
+        min_var: dtype  # variance added to every footprint [px^2]
+        max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
+        wide_pixels: dtype  # footprints that cover more may be left to several threads
+        area: dtype  # plate area one path stands for, over the pixel's area
+        is_point: wp.int32
+        light_x: dtype
+        light_y: dtype
+        light_z: dtype
+        light_distance: dtype  # light to nominal top [m]
+        cos_cone: dtype
+
+    return specialised(Optics, dtype)
+
+
+@cache
+def photons_struct(dtype: Any) -> Any:
+    """Struct with everything a launch needs about a chunk of photons but the relief."""
+    Optics = optics_struct(dtype)
+
+    class Photons:
+        positions: wp.array2d[dtype]  # where they start [m]: [N, 2], or a lattice's axes [2, columns or rows]
+        count: wp.int32  # N
+        columns: wp.int32  # of the lattice
+        samples_per_m_x: dtype  # of the relief
+        samples_per_m_y: dtype
+        samples: wp.int32  # n, height samples per axis
+        eta: wp.array[dtype]  # 1 / index of the glass [C]
+        ratio: wp.array[dtype]  # index of the glass over that behind the plate [C]
+        radiosity: wp.array[dtype]  # [W/m^2] [C]
+        optics: Optics
+
+    return specialised(Photons, dtype)
 
 
 @cache

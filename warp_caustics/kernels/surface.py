@@ -1,4 +1,4 @@
-"""Height, slopes and second derivatives of the relief at scattered points."""
+"""Height, slopes and second derivatives of the relief where photons start."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -6,10 +6,14 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels import specialised
+from warp_caustics.kernels.photons import photons_struct
+
 
 @cache
 def surface_functions(dtype: Any) -> SimpleNamespace:
     """Warp function ``surface_at`` for float32 or float64."""
+    Photons = photons_struct(dtype)
     vec4 = wp.types.vector(length=4, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
     one = wp.constant(dtype(1.0))
@@ -52,16 +56,12 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
-    def surface_at(
-        coefficients: wp.array3d[dtype],
-        b: wp.int32,
-        x: dtype,
-        y: dtype,
-        samples_per_m_x: dtype,
-        samples_per_m_y: dtype,
-        n: wp.int32,
-    ):
+    def surface_at(coefficients: wp.array3d[dtype], b: wp.int32, x: dtype, y: dtype, photons: Photons):
         """Height, slopes and second derivatives (MAP_NAMES) at (x, y) [m] from coefficients [B, n + 4, n + 4]."""
+        samples_per_m_x = photons.samples_per_m_x
+        samples_per_m_y = photons.samples_per_m_y
+        n = photons.samples
+        # --- sample coordinates [samples], cell and place in it, and the weights of its four neighbours per axis
         u = x * samples_per_m_x + half * dtype(n) - half
         v = y * samples_per_m_y + half * dtype(n) - half
         column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
@@ -74,6 +74,7 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
         sy = spline_slopes(ty)
         cx = spline_curvatures(tx)
         cy = spline_curvatures(ty)
+        # --- tensor product, derivatives per sample pitch
         h = zero
         h_x = zero
         h_y = zero
@@ -95,6 +96,7 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
             h_xx += wy[k] * curvature
             h_xy += sy[k] * slope
             h_yy += cy[k] * value
+        # --- per metre
         return vec6(
             h,
             h_x * samples_per_m_x,
@@ -108,8 +110,46 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
 
 
 @cache
+def photon_struct(dtype: Any) -> Any:
+    """Struct of a photon: where it starts, and the relief there."""
+    vec6 = wp.types.vector(length=6, dtype=dtype)
+
+    class Photon:
+        x: dtype  # [m]
+        y: dtype
+        maps: vec6  # MAP_NAMES
+
+    return specialised(Photon, dtype)
+
+
+@cache
+def photon_function(dtype: Any, is_lattice: bool) -> Any:
+    """``photon_at``: photon p over relief b; a lattice's positions are its axes, x in row 0 and y in row 1."""
+    Photons = photons_struct(dtype)
+    Photon = photon_struct(dtype)
+    surface_at = surface_functions(dtype).surface_at
+    zero = wp.constant(dtype(0.0))
+
+    @no_type_check
+    @wp.func
+    def photon_at(coefficients: wp.array3d[dtype], photons: Photons, b: wp.int32, p: wp.int32):
+        x = zero
+        y = zero
+        if wp.static(is_lattice):
+            x = photons.positions[0, p % photons.columns]
+            y = photons.positions[1, p // photons.columns]
+        else:
+            x = photons.positions[p, 0]
+            y = photons.positions[p, 1]
+        return Photon(x, y, surface_at(coefficients, b, x, y, photons))
+
+    return photon_at
+
+
+@cache
 def surface_kernels(dtype: Any) -> SimpleNamespace:
     """Kernels for float32 or float64: ``gather_surface``, ``prefilter_rows``, ``prefilter_columns``."""
+    Photons = photons_struct(dtype)
     surface_at = surface_functions(dtype).surface_at
     zero = wp.constant(dtype(0.0))
 
@@ -117,16 +157,13 @@ def surface_kernels(dtype: Any) -> SimpleNamespace:
     @wp.kernel(module="unique")
     def gather_surface(
         coefficients: wp.array3d[dtype],
-        positions: wp.array2d[dtype],
-        samples_per_m_x: dtype,
-        samples_per_m_y: dtype,
-        n: wp.int32,
+        photons: Photons,
         # outputs
         maps: wp.array3d[dtype],
     ):
         """Surface maps [B, 6, N] from spline coefficients [B, n + 4, n + 4] at positions [N, 2] [m]."""
         b, p = wp.tid()
-        found = surface_at(coefficients, b, positions[p, 0], positions[p, 1], samples_per_m_x, samples_per_m_y, n)
+        found = surface_at(coefficients, b, photons.positions[p, 0], photons.positions[p, 1], photons)
         for plane in range(6):
             maps[b, plane, p] = found[plane]
 

@@ -21,6 +21,9 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.footprint import footprint_functions
+from warp_caustics.kernels.photons import optics_struct, photons_struct
+
 LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
 """Fates of a light path: inside the image window, beside it, totally reflected at the bottom face,
 outside the source's cone or on a face turned away from it, non-finite."""
@@ -36,43 +39,15 @@ FAR_PX = 1.0e6
 
 
 @cache
-def optics_struct(dtype: Any) -> Any:
-    """Struct with everything about the scene that is the same for all paths."""
-
-    class Optics:
-        base: dtype  # d [m]
-        gap: dtype  # bottom face to screen [m]
-        window_x: dtype  # lower edges of the image window [m]
-        window_y: dtype
-        pixels_per_m_x: dtype
-        pixels_per_m_y: dtype
-        image_pixels: dtype
-        sigma0: dtype  # standard deviation of the footprint on the plate [m]
-        half_x: dtype  # half the plate [m]
-        half_y: dtype
-        squeeze: dtype  # standard deviations between a photon and the nearest edge, at least
-        min_var: dtype  # variance added to every footprint [px^2]
-        max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
-        wide_pixels: dtype  # footprints that cover more may be left to several threads
-        area: dtype  # plate area one path stands for, over the pixel's area
-        is_point: wp.int32
-        light_x: dtype
-        light_y: dtype
-        light_z: dtype
-        light_distance: dtype  # light to nominal top [m]
-        cos_cone: dtype
-
-    Optics.__name__ = Optics.__qualname__ = f"Optics_{dtype.__name__}"
-    return wp.struct(Optics)
-
-
-@cache
 def trace_kernels(dtype: Any) -> SimpleNamespace:
     """Kernels for float32 or float64: ``trace`` and ``land``."""
     vec2 = wp.types.vector(length=2, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
     Optics = optics_struct(dtype)
+    Photons = photons_struct(dtype)
+    functions = footprint_functions(dtype)
+    plate_sigma, screen_covariance = functions.plate_sigma, functions.screen_covariance
     zero = wp.constant(dtype(0.0))
     one = wp.constant(dtype(1.0))
     two = wp.constant(dtype(2.0))
@@ -168,30 +143,31 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
     @wp.kernel(module="unique")
     def trace(
         maps: wp.array3d[dtype],
-        positions: wp.array2d[dtype],
-        eta: wp.array[dtype],
-        ratio: wp.array[dtype],
-        radiosity: wp.array[dtype],
-        optics: Optics,
+        photons: Photons,
         # outputs
         records: wp.array4d[dtype],
     ):
         """Footprint records [B, C, 6, N] (RECORD_NAMES) from surface maps [B, 6, N] at positions [N, 2] [m]."""
         b, c, p = wp.tid()
-        x = positions[p, 0]
-        y = positions[p, 1]
+        x = photons.positions[p, 0]
+        y = photons.positions[p, 1]
+        eta = photons.eta[c]
+        ratio = photons.ratio[c]
+        optics = photons.optics
         h = maps[b, 0, p]
         h_x = maps[b, 1, p]
         h_y = maps[b, 2, p]
         h_xx = maps[b, 3, p]
         h_xy = maps[b, 4, p]
         h_yy = maps[b, 5, p]
+        # --- refraction at the relief: directions w, t and normal m (vec3), flux of the path over the pixel's area
         w, distance = incidence(x, y, h, optics)
         m = vec3(-h_x, -h_y, one)
-        t, q = refracted_slope(w, m, eta[c], ratio[c])
+        t, q = refracted_slope(w, m, eta, ratio)
         lit = lit_area(w, m, distance, optics)
         record = vec6(far, far, optics.min_var, zero, optics.min_var, zero)
         if q > grazing and lit > zero:
+            # --- differentials of incidence [1/m], refraction [1/m] and shift to the screen [1], along x and y
             dw_x = vec3(zero, zero, zero)
             dw_y = vec3(zero, zero, zero)
             if optics.is_point != 0:
@@ -199,50 +175,33 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
                 dp_y = vec3(zero, one, h_y)
                 dw_x = (dp_x - w * wp.dot(w, dp_x)) / distance
                 dw_y = (dp_y - w * wp.dot(w, dp_y)) / distance
-            dt_x = refract_differential(w, dw_x, m, vec3(-h_xx, -h_xy, zero), eta[c])
-            dt_y = refract_differential(w, dw_y, m, vec3(-h_xy, -h_yy, zero), eta[c])
-            shift_x = shift_differential(h, h_x, t, dt_x, q, ratio[c], optics.base, optics.gap)
-            shift_y = shift_differential(h, h_y, t, dt_y, q, ratio[c], optics.base, optics.gap)
-            # Columns of J, in standard deviations of the footprint and pixels.
-            sigma_x = optics.sigma0
-            sigma_y = optics.sigma0
-            if optics.squeeze > zero:
-                sigma_x = wp.min(sigma_x, (optics.half_x - wp.abs(x)) / optics.squeeze)
-                sigma_y = wp.min(sigma_y, (optics.half_y - wp.abs(y)) / optics.squeeze)
+            dt_x = refract_differential(w, dw_x, m, vec3(-h_xx, -h_xy, zero), eta)
+            dt_y = refract_differential(w, dw_y, m, vec3(-h_xy, -h_yy, zero), eta)
+            shift_x = shift_differential(h, h_x, t, dt_x, q, ratio, optics.base, optics.gap)
+            shift_y = shift_differential(h, h_y, t, dt_y, q, ratio, optics.base, optics.gap)
+            # --- footprint: columns of J in its standard deviations and pixels, covariance [px^2]
+            sigma_x = plate_sigma(x, optics.half_x, optics)
+            sigma_y = plate_sigma(y, optics.half_y, optics)
             ux = (one + shift_x[0]) * sigma_x * optics.pixels_per_m_x
             uy = shift_x[1] * sigma_x * optics.pixels_per_m_y
             vx = shift_y[0] * sigma_y * optics.pixels_per_m_x
             vy = (one + shift_y[1]) * sigma_y * optics.pixels_per_m_y
-            var_x = ux * ux + vx * vx
-            cov = ux * uy + vx * vy
-            var_y = uy * uy + vy * vy
-            shrink = wp.min(one, optics.max_var / wp.max(var_x + var_y, optics.min_var))
-            centre = landing(x, y, h, t, q, ratio[c], optics)
-            finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(var_x + var_y)
+            raw = vec3(ux * ux + vx * vx, ux * uy + vx * vy, uy * uy + vy * vy)
+            covariance = screen_covariance(raw, optics)
+            # --- where it lands [px]
+            centre = landing(x, y, h, t, q, ratio, optics)
+            finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(raw[0] + raw[2])
             if finite and wp.abs(centre[0]) < far and wp.abs(centre[1]) < far:
-                record = vec6(
-                    centre[0],
-                    centre[1],
-                    shrink * var_x + optics.min_var,
-                    shrink * cov,
-                    shrink * var_y + optics.min_var,
-                    lit * radiosity[c],
-                )
-        records[b, c, 0, p] = record[0]
-        records[b, c, 1, p] = record[1]
-        records[b, c, 2, p] = record[2]
-        records[b, c, 3, p] = record[3]
-        records[b, c, 4, p] = record[4]
-        records[b, c, 5, p] = record[5]
+                amplitude = lit * photons.radiosity[c]
+                record = vec6(centre[0], centre[1], covariance[0], covariance[1], covariance[2], amplitude)
+        for plane in range(6):
+            records[b, c, plane, p] = record[plane]
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
     def land(
         maps: wp.array3d[dtype],
-        positions: wp.array2d[dtype],
-        eta: wp.array[dtype],
-        ratio: wp.array[dtype],
-        optics: Optics,
+        photons: Photons,
         # outputs
         landings: wp.array4d[dtype],
         energies: wp.array3d[dtype],
@@ -250,12 +209,14 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
     ):
         """Screen position [px] [B, C, 2, N], flux for unit radiosity over pixel area and fate, both [B, C, N]."""
         b, c, p = wp.tid()
-        x = positions[p, 0]
-        y = positions[p, 1]
+        x = photons.positions[p, 0]
+        y = photons.positions[p, 1]
+        ratio = photons.ratio[c]
+        optics = photons.optics
         h = maps[b, 0, p]
         w, distance = incidence(x, y, h, optics)
         m = vec3(-maps[b, 1, p], -maps[b, 2, p], one)
-        t, q = refracted_slope(w, m, eta[c], ratio[c])
+        t, q = refracted_slope(w, m, photons.eta[c], ratio)
         lit = lit_area(w, m, distance, optics)
         fate = wp.static(LANDED)
         centre = vec2(far, far)
@@ -266,7 +227,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         elif q <= grazing:
             fate = wp.static(REFLECTED)
         else:
-            centre = landing(x, y, h, t, q, ratio[c], optics)
+            centre = landing(x, y, h, t, q, ratio, optics)
             if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
                 fate = wp.static(NOT_FINITE)
             elif (
@@ -281,4 +242,4 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         energies[b, c, p] = lit
         fates[b, c, p] = fate
 
-    return SimpleNamespace(trace=trace, land=land, Optics=Optics)
+    return SimpleNamespace(trace=trace, land=land)

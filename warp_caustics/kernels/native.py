@@ -1,0 +1,175 @@
+"""Snippets of C++ for what Warp cannot say: rows in a CPU's vector registers, pixels of 16 bytes on a GPU.
+
+They repeat no physics but the quadratic B-spline of ``profiles.py``, eight edges at a time.
+"""
+
+from functools import cache
+from typing import Any, no_type_check
+
+import warp as wp
+
+PACK = 4
+"""Wavelengths in a pixel of a packed image; unused ones stay zero."""
+
+_CPU_ROW = """
+#if !defined(__CUDA_ARCH__)
+    typedef {real} real;
+    typedef real reals __attribute__((ext_vector_type(8), aligned(sizeof(real))));
+    const reals zero = {{0, 0, 0, 0, 0, 0, 0, 0}};
+    const reals one = {{1, 1, 1, 1, 1, 1, 1, 1}};
+    const reals steps = {{0, 1, 2, 3, 4, 5, 6, 7}};
+    const int width = image.shape[3];
+    auto* row = image.data + ((size_t(b) * image.shape[1] + c) * image.shape[2] + i) * width;
+    const real half_inv = real(0.5) * inv_sigma;
+    {start}
+    for (int j = first; j <= last; j += 7) {{
+        reals u = (steps + (real(j) - centre)) * half_inv;
+        u = u < real(-1.5) * one ? real(-1.5) * one : u;
+        u = u > real(1.5) * one ? real(1.5) * one : u;
+        const reals p = u + real(1.5);
+        reals q = u + real(0.5);
+        q = q > zero ? q : zero;
+        reals r = u - real(0.5);
+        r = r > zero ? r : zero;
+        const reals below = p * p * p - real(3) * (q * q * q - r * r * r);
+        const reals shares = __builtin_shufflevector(below, below, 1, 2, 3, 4, 5, 6, 7, 7) - below;
+        {each}
+    }}
+    {end}
+#else
+    {nothing}
+#endif
+"""
+"""Seven pixels of a row at a time: their eight edges fit a vector register, and the eighth share is zero."""
+
+_CPU_ADD = {
+    "start": "",
+    "each": """
+        const reals light = (amplitude * real(1.0 / 6.0)) * shares;
+        if (j + 8 <= width) *(reals*)(row + j) += light;
+        else for (int k = 0; j + k < width; ++k) row[j + k] += light[k];
+    """,
+    "end": "",
+    "nothing": "",
+}
+
+_CPU_GATHER = {
+    "start": "reals sum = zero, slope = zero, breadth = zero;",
+    "each": """
+        reals g = zero;
+        if (j + 8 <= width) g = *(const reals*)(row + j);
+        else for (int k = 0; j + k < width; ++k) g[k] = row[j + k];
+        const reals density = p * p - real(3) * (q * q - r * r);
+        const reals moment = u * density;
+        sum += g * shares;
+        slope += g * (__builtin_shufflevector(density, density, 1, 2, 3, 4, 5, 6, 7, 7) - density);
+        breadth += g * (__builtin_shufflevector(moment, moment, 1, 2, 3, 4, 5, 6, 7, 7) - moment);
+    """,
+    "end": """
+        const auto s4 = sum.lo + sum.hi, d4 = slope.lo + slope.hi, m4 = breadth.lo + breadth.hi;
+        const auto s2 = s4.lo + s4.hi, d2 = d4.lo + d4.hi, m2 = m4.lo + m4.hi;
+        return wp::vec_t<3, real>(
+            real(1.0 / 6.0) * (s2[0] + s2[1]), real(0.25) * (d2[0] + d2[1]), real(0.5) * (m2[0] + m2[1])
+        );
+    """,
+    "nothing": "return wp::vec_t<3, {real}>();",
+}
+
+
+@cache
+def cpu_row_functions(dtype: Any) -> tuple[Any, Any]:
+    """A row of a ``spline`` footprint in a CPU's vector registers: ``add_row`` and ``gather_row``.
+
+    LLVM leaves the loops over pixels scalar, since their windows are short and of any length.
+    """
+    vec3 = wp.types.vector(length=3, dtype=dtype)
+    real = _REAL[dtype]
+
+    def snippet(parts: dict[str, str]) -> str:
+        return _CPU_ROW.format(real=real, **(parts | {"nothing": parts["nothing"].format(real=real)}))
+
+    @no_type_check
+    @wp.func_native(snippet(_CPU_ADD))
+    def add_row(
+        image: wp.array4d[dtype],
+        b: wp.int32,
+        c: wp.int32,
+        i: wp.int32,
+        first: wp.int32,
+        last: wp.int32,
+        centre: dtype,
+        inv_sigma: dtype,
+        amplitude: dtype,
+    ): ...
+
+    @wp.func_native(snippet(_CPU_GATHER))  # with no_type_check it would return nothing
+    def gather_row(
+        image: wp.array4d[dtype],
+        b: wp.int32,
+        c: wp.int32,
+        i: wp.int32,
+        first: wp.int32,
+        last: wp.int32,
+        centre: dtype,
+        inv_sigma: dtype,
+    ) -> vec3: ...
+
+    return add_row, gather_row
+
+
+_ADD = """
+    {real}* pixel = packed.data + ((size_t(b) * packed.shape[1] + i) * packed.shape[2] + j) * 4;
+#if {is_vector} && defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    asm volatile("red.global.add.v4.f32 [%0], {{%1, %2, %3, %4}};"
+                 :: "l"(pixel), "f"({light[0]}), "f"({light[1]}), "f"({light[2]}), "f"({light[3]}) : "memory");
+#elif defined(__CUDA_ARCH__)
+    for (int c = 0; c < {width}; ++c) atomicAdd(pixel + c, light[c]);
+#else
+    for (int c = 0; c < {width}; ++c) pixel[c] += light[c];
+#endif
+"""
+
+_LOAD = """
+    const {real}* pixel = packed.data + ((size_t(b) * packed.shape[1] + i) * packed.shape[2] + j) * 4;
+    wp::vec_t<4, {real}> light;
+#if {is_vector} && defined(__CUDA_ARCH__)
+    float values[4];
+    asm("ld.global.nc.v4.f32 {{%0, %1, %2, %3}}, [%4];"
+        : "=f"(values[0]), "=f"(values[1]), "=f"(values[2]), "=f"(values[3]) : "l"(pixel));
+    for (int c = 0; c < 4; ++c) light[c] = values[c];
+#else
+    for (int c = 0; c < 4; ++c) light[c] = pixel[c];
+#endif
+    return light;
+"""
+
+
+_REAL = {wp.float32: "float", wp.float64: "double"}
+
+
+def _native_type(dtype: Any) -> dict[str, Any]:
+    return {"real": _REAL[dtype], "is_vector": int(dtype is wp.float32)}
+
+
+@cache
+def pixel_adder(dtype: Any, width: int) -> Any:
+    """Adds ``width`` wavelengths to a pixel of a packed image [B, H, W, PACK]."""
+    vector = wp.types.vector(length=width, dtype=dtype)
+    light = [f"light[{c}]" if c < width else "0.0f" for c in range(PACK)]
+
+    @no_type_check
+    @wp.func_native(_ADD.format(**_native_type(dtype), width=width, light=light))
+    def add(packed: wp.array4d[dtype], b: wp.int32, i: wp.int32, j: wp.int32, light: vector): ...
+
+    return add
+
+
+@cache
+def pixel_loader(dtype: Any) -> Any:
+    """Reads a pixel of a packed image."""
+    vector = wp.types.vector(length=PACK, dtype=dtype)
+
+    @wp.func_native(_LOAD.format(**_native_type(dtype)))  # with no_type_check it would return nothing
+    def load(packed: wp.array4d[dtype], b: wp.int32, i: wp.int32, j: wp.int32) -> vector: ...
+
+    return load

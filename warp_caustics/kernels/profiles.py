@@ -1,0 +1,99 @@
+"""The shape of a footprint along one axis: distribution function and density of two profiles.
+
+Both have unit variance and a continuous, strictly bounded distribution function,
+so that an image does not jump when a window moves on by a pixel (with a plain
+cut, a finite difference across such a jump is wrong by any amount):
+
+- ``gaussian``: ends at 4 standard deviations, renormalised and widened so that
+  energy and covariance stay exact. The paper's choice.
+- ``spline``: quadratic B-spline, ends at 3 standard deviations. Copies at a
+  distance of two standard deviations add up to a constant, so a photon lattice
+  with s = sqrt(2 pi) shows no ripple; a Gaussian of that width leaves 1.4 %.
+  No exponentials.
+"""
+
+import math
+from functools import cache
+from typing import Any, no_type_check
+
+import warp as wp
+
+PROFILES = ("gaussian", "spline")
+
+GAUSSIAN_REACH = 4.0
+"""Half-width of the Gaussian in standard deviations; 6e-5 of its energy would lie beyond."""
+
+NORMALISATION = 1.0 / math.erf(GAUSSIAN_REACH / math.sqrt(2.0))
+"""One over the energy of the Gaussian within its reach."""
+
+WIDENING = 1.0 / (
+    1.0 - 2.0 * GAUSSIAN_REACH * NORMALISATION * math.exp(-(GAUSSIAN_REACH**2) / 2) / math.sqrt(2.0 * math.pi)
+)
+"""One over the variance that the truncated standard Gaussian keeps."""
+
+REACH = {"gaussian": GAUSSIAN_REACH * math.sqrt(WIDENING), "spline": 3.0}
+"""Half-width of each profile in standard deviations."""
+
+
+def _gaussian_profile(dtype: Any) -> tuple[Any, Any]:
+    reach = wp.constant(dtype(GAUSSIAN_REACH))
+    narrowing = wp.constant(dtype(1.0 / math.sqrt(WIDENING)))
+    half = wp.constant(dtype(0.5))
+    half_normalisation = wp.constant(dtype(0.5 * NORMALISATION))
+    inv_sqrt2 = wp.constant(dtype(math.sqrt(0.5)))
+    peak = wp.constant(dtype(NORMALISATION / math.sqrt(2.0 * math.pi * WIDENING)))
+
+    @no_type_check
+    @wp.func
+    def cumulative(t: dtype):
+        """Distribution function of the truncated Gaussian at t standard deviations."""
+        return half + half_normalisation * wp.erf(wp.clamp(t * narrowing, -reach, reach) * inv_sqrt2)
+
+    @no_type_check
+    @wp.func
+    def density(t: dtype):
+        """Its derivative."""
+        u = t * narrowing
+        value = t - t
+        if wp.abs(u) < reach:
+            value = peak * wp.exp(-half * u * u)
+        return value
+
+    return cumulative, density
+
+
+def _spline_profile(dtype: Any) -> tuple[Any, Any]:
+    edge = wp.constant(dtype(1.5))
+    half = wp.constant(dtype(0.5))
+    zero = wp.constant(dtype(0.0))
+    three = wp.constant(dtype(3.0))
+    sixth = wp.constant(dtype(1.0 / 6.0))
+    quarter = wp.constant(dtype(0.25))
+
+    @no_type_check
+    @wp.func
+    def cumulative(t: dtype):
+        """Distribution function of the quadratic B-spline at t standard deviations (knots 2 apart)."""
+        u = wp.clamp(half * t, -edge, edge)
+        a = u + edge
+        b = wp.max(u + half, zero)
+        c = wp.max(u - half, zero)
+        return sixth * (a * a * a - three * (b * b * b - c * c * c))
+
+    @no_type_check
+    @wp.func
+    def density(t: dtype):
+        """Its derivative."""
+        u = wp.clamp(half * t, -edge, edge)
+        a = u + edge
+        b = wp.max(u + half, zero)
+        c = wp.max(u - half, zero)
+        return quarter * (a * a - three * (b * b - c * c))
+
+    return cumulative, density
+
+
+@cache
+def profile_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
+    """Warp functions ``cumulative`` and ``density`` of a profile, for float32 or float64."""
+    return {"gaussian": _gaussian_profile, "spline": _spline_profile}[profile](dtype)

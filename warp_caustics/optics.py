@@ -1,0 +1,110 @@
+"""A scene and a photon plan as the kernels see them: the structs of ``kernels/photons.py``, filled in."""
+
+import math
+from typing import Any
+
+import torch
+import warp as wp
+
+from warp_caustics.kernels import dtype_of
+from warp_caustics.kernels.photons import optics_struct, photons_struct
+from warp_caustics.kernels.profiles import REACH
+from warp_caustics.photons import PhotonPlan
+from warp_caustics.scene import Profile, Scene
+
+MIN_SIGMA_PX = 0.02
+"""Standard deviation added to every footprint [px]: keeps the image differentiable where a caustic focuses
+a footprint to a point, and is far below what a pixel can show."""
+
+MAX_SIGMA_FRACTION = 1 / 16
+"""Footprints wider than this fraction of the image are shrunk to it, keeping their energy: next to grazing
+exit they grow without bound, and so would the work."""
+
+WIDE_PIXELS = 100
+"""Footprints that cover more pixels than this, and than four times that of a flat plate, are left to several
+GPU threads each: a launch would otherwise wait for the few threads that have thousands of pixels."""
+
+
+def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
+    """Standard deviation of the footprint on the plate [m], s sqrt(A / (8 pi n_l)).
+
+    The covariance of the biweight kernel 3/pi (1 - r^2)^2 of Frisvad et al. on
+    a disc of radius s sqrt(A / (pi n_l)).
+    """
+    return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
+
+
+class Optics:
+    """What is the same for all photons of a plan, made once.
+
+    Attributes:
+        scene: where it comes from.
+        shared: struct ``Optics``; :meth:`photons` copies it.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        plan: PhotonPlan,
+        smoothing: float,
+        profile: Profile,
+        device: torch.device,
+        dtype: torch.dtype,
+    ):
+        self.scene = scene
+        warp_dtype = dtype_of(torch.finfo(dtype).bits)
+
+        def per_wavelength(values: list[float]) -> Any:
+            return wp.from_torch(torch.tensor(values, dtype=dtype, device=device), requires_grad=False)
+
+        indices, exits = scene.glass_indices, scene.exit_indices
+        self._eta = per_wavelength([1 / n for n in indices])
+        self._ratio = per_wavelength([n / e for n, e in zip(indices, exits, strict=True)])
+        self._radiosity = per_wavelength(list(scene.radiosity_W_m2))
+        self._struct = photons_struct(warp_dtype)
+        self.shared = _shared(optics_struct(warp_dtype)(), scene, plan, smoothing, profile)
+
+    def photons(self, positions: torch.Tensor, count: int | None = None, columns: int = 0) -> Any:
+        """Struct ``Photons`` of photons at positions [N, 2] [m]; for a lattice by its axes with count and columns."""
+        photons = self._struct()
+        photons.positions = wp.from_torch(positions.detach(), requires_grad=False)
+        photons.count = len(positions) if count is None else count
+        photons.columns = columns
+        pitch_x, pitch_y = self.scene.sample_pitch_m
+        photons.samples_per_m_x, photons.samples_per_m_y = 1 / pitch_x, 1 / pitch_y
+        photons.samples = self.scene.height_samples
+        photons.eta, photons.ratio, photons.radiosity = self._eta, self._ratio, self._radiosity
+        photons.optics = self.shared
+        return photons
+
+    def no_gradient(self) -> Any:
+        """An empty struct ``Photons``: adjoints of what nobody differentiates."""
+        return self._struct()
+
+
+def _shared(optics: Any, scene: Scene, plan: PhotonPlan, smoothing: float, profile: Profile) -> Any:
+    """Fills a struct ``Optics``."""
+    width, length = scene.plate_size_m
+    pixel_x, pixel_y = scene.pixel_size_m
+    optics.base = scene.base_thickness_m
+    optics.gap = -scene.screen_position_m[2]
+    optics.window_x = scene.screen_position_m[0] - width / 2
+    optics.window_y = scene.screen_position_m[1] - length / 2
+    optics.pixels_per_m_x, optics.pixels_per_m_y = 1 / pixel_x, 1 / pixel_y
+    optics.image_pixels = scene.image_pixels
+    optics.sigma0 = footprint_sigma_m(scene, smoothing, plan.count)
+    optics.half_x, optics.half_y = width / 2, length / 2
+    # A photon at distance a from an edge of the plate has its footprint squeezed to a / squeeze across it.
+    # That moves a sixth of a lattice cell's light to its neighbour, which must not show: only inside a pixel.
+    is_fine = plan.count >= scene.image_pixels**2
+    optics.squeeze = REACH[profile] if plan.placement == "lattice" and is_fine else 0.0
+    optics.min_var = MIN_SIGMA_PX**2
+    optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
+    flat_pixels = math.prod(2 * REACH[profile] * optics.sigma0 / size + 1 for size in (pixel_x, pixel_y))
+    optics.wide_pixels = max(WIDE_PIXELS, 4 * flat_pixels)
+    optics.area = scene.plate_area_m2 / plan.count / (pixel_x * pixel_y)
+    optics.is_point = int(not scene.is_collimated)
+    optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
+    optics.light_distance = scene.light_position_m[2] - scene.base_thickness_m
+    optics.cos_cone = math.cos(scene.emission_half_angle_rad)
+    return optics
