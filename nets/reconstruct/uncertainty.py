@@ -29,8 +29,8 @@ class Calibration:
     seed: int
 
 
-DIRECT = Calibration(scale=1.147, within_one=0.688, within_two=0.903, fields=18, seed=777_001)
-"""Of the shipped direct network with eight symmetries and the refinement of ``polish.py`` on a CPU
+DIRECT_CALIBRATION = Calibration(scale=1.147, within_one=0.688, within_two=0.903, fields=18, seed=777_001)
+"""Of the shipped direct network with eight symmetries and the refinement of ``refinement.py`` on a CPU
 (``benchmarks.robustness --own 777001 --fields 18 --calibrate``); 67.7 to 69.5 % lie within one in each of the cases."""
 
 

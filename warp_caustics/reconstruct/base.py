@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from warp_caustics.types import FloatArray
 
-DEEPEST_FRACTION = 0.9
-"""Of the plate's thickness is what a trench may be deep: a relief must leave some glass."""
-
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
 
 

@@ -102,10 +102,22 @@ def simulator_at(
         device: where to simulate.
         photons_per_pixel: of the lattice; the preset's if None.
     """
-    ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
-    scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
     photons = None if photons_per_pixel is None else photons_per_pixel * pixels**2
-    return CausticSimulator(scene_at, "lattice", n_photons=photons, device=device)
+    return CausticSimulator(in_units_of_radiosity(scene, pixels), "lattice", n_photons=photons, device=device)
+
+
+def in_units_of_radiosity(scene: Scene, pixels: int) -> Scene:
+    """The scene with so many pixels, and radiosity 1 wherever light shines."""
+    ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
+    return scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
+
+
+def usual_pixels(scene: Scene) -> int:
+    """Image size that saves time and loses little: halved while more than twice the height samples."""
+    pixels, most = scene.image_pixels, 2 * scene.height_samples
+    while pixels > most and pixels % 2 == 0:
+        pixels //= 2
+    return pixels
 
 
 def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:

@@ -21,9 +21,9 @@ from nets.reconstruct.fibres.explained import Discrepancy, is_explained
 from nets.reconstruct.fibres.image_fit import TimeUp
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
-from nets.reconstruct.polish import Polish, outcome
-from nets.reconstruct.record import Resimulation, as_glass, finished
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.network_io import network_result
+from nets.reconstruct.refinement import Refinement, outcome
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.prints.vectorise.model import LineModel
@@ -35,6 +35,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
+from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -71,7 +72,7 @@ class Fibres(Reconstructor):
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
         self.options = self.options.on(self.device.type)
-        self.polish = Polish(scene, plain, self.device)
+        self.refinement = Refinement(scene, plain, self.device)
         self.model = LineModel(scene, self.options.profile, self.device)
 
     def reconstruct(
@@ -160,7 +161,7 @@ class _Run:
                 f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
                 "which the difference of the images shows"
             )
-        result = finished(
+        result = network_result(
             method.name,
             self.resimulation,
             heights,
@@ -179,7 +180,7 @@ class _Run:
         network = self.answer.uncertainty_m
         if network is None or not is_noise_left:
             return network
-        return design_uncertainty(SPREADS / DIRECT.scale * network, EXPLAINED_LINES)
+        return design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * network, EXPLAINED_LINES)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -195,7 +196,7 @@ class _Run:
         heights = torch.as_tensor(self.answer.heights_m)
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
-            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT.scale
+            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
         pixels = method.options.pixels_on(method.device.type, scene)
         most = method.options.most_lines
         start = lines_of_relief(method.model, heights, spread, most=most)
@@ -230,9 +231,9 @@ class _Run:
 
     def _refined(self, heights: FloatArray) -> "_Refined":
         """A relief after the steps that ``direct`` ends with."""
-        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
+        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
         elapsed = time.perf_counter() - self.started
-        found = self.method.polish(self.resimulation, heights, elapsed, self.progress, spread)
+        found = self.method.refinement(self.resimulation, heights, elapsed, self.progress, spread)
         better = heights if found is None else found.heights
         return _Refined(better, self.resimulation(better).residual, outcome(found))
 

@@ -6,7 +6,7 @@ import torch
 from nets.architecture import build
 from nets.config import NetworkConfig
 from nets.family_config import DenoiserConfig, UpdaterConfig
-from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
+from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.weights import save_weights
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage

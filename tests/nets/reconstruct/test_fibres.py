@@ -9,7 +9,7 @@ from nets.reconstruct.direct import BATCH
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
-from nets.reconstruct.symmetries import all_symmetries, seen_in
+from nets.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
 from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage

@@ -6,10 +6,12 @@ import numpy as np
 import scipy.optimize
 import torch
 
-from warp_caustics.reconstruct.base import DEEPEST_FRACTION, StopReason
+from warp_caustics.data_gradient import lowest_height_m
+from warp_caustics.reconstruct.base import StopReason
+from warp_caustics.reconstruct.objective import Evaluation
 from warp_caustics.reconstruct.refine.metric import CurvatureMetric
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -39,7 +41,7 @@ class CurvatureDescent:
         note: Callable[[Evaluation], None],
     ):
         self.objective, self.options, self.note = objective, options, note
-        self.lowest = -DEEPEST_FRACTION * scene.base_thickness_m
+        self.lowest = lowest_height_m(scene)
         index = float(np.mean(scene.glass_indices))
         strength_m = (1 - 1 / index) * scene.base_thickness_m
         self.metric = CurvatureMetric(scene.height_samples, scene.plate_size_m, strength_m)

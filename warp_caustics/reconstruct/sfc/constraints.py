@@ -36,7 +36,7 @@ NOISE_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Constraints:
     """Mask and printed volume, with their sources.
 
     Attributes:
@@ -148,7 +148,7 @@ def true_heights(field: Any, scene: Scene) -> FloatArray:
     return heights
 
 
-def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: CausticImage, scene: Scene) -> Knowledge:
+def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: CausticImage, scene: Scene) -> Constraints:
     """Mask and volume as asked for.
 
     Args:
@@ -181,11 +181,11 @@ def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: Caustic
         hint = f"; no cell deviates from flat by {LIT_DIFFERENTLY:.0%}" if mask_source == "estimated" else ""
         raise InputError(f"mask ({mask_source}) is False everywhere, so no glass could be{hint}; give mask='none'")
     if volume == "none":
-        return Knowledge(found, mask_source, None, "none")
+        return Constraints(found, mask_source, None, "none")
     if volume == "oracle":
         assert truth is not None
         printed = relief_volume(truth, scene.sample_pitch_m)
         if printed <= 0:
             raise InputError(f"oracle_heights_m has a volume of {printed:g} m^3, nothing was printed; check its sign")
-        return Knowledge(found, mask_source, printed, "oracle")
-    return Knowledge(found, mask_source, float(volume), "given")
+        return Constraints(found, mask_source, printed, "oracle")
+    return Constraints(found, mask_source, float(volume), "given")
