@@ -1,9 +1,9 @@
 """The refinement that ends a method with networks: a few steps of the height descent of ``refine``.
 
-Down the exact model from a start that is nearly right. The network leaves the edges of lines a little off, which the image shows
-clearly. Where a fold was missed, descent does not find it (docs/refine.md), but
-small steps do little harm; what does not lower the residual of all pixels is
-thrown away.
+Down the exact model from a start that is nearly right: the network leaves the
+edges of lines a little off, which the image shows clearly. Where a fold was
+missed, descent does not find it (docs/refine.md), but small steps do little
+harm; what does not lower the residual of all pixels is thrown away.
 """
 
 from dataclasses import dataclass

@@ -7,9 +7,9 @@ from data_gen.config import ReliefConfig
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from nets.symmetries import all_symmetries, draw_symmetries, scene_symmetries, seen_in, transformed, turned_back
-from nets.training.config import PhotonVariant
 from nets.training.imaging import Imager
 from nets.training.keys import step_generator
+from nets.unrolling_config import PhotonVariant
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 

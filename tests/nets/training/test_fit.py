@@ -8,7 +8,6 @@ import torch
 
 from nets.symmetries import transformed
 from nets.training.clock import Stopwatch
-from nets.training.config import UnrollingConfig
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
 from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
 from nets.training.pictures import write_sample
@@ -16,6 +15,7 @@ from nets.training.record import read_metrics
 from nets.training.sources import FreshSource
 from nets.training.tasks import Sample, make_task
 from nets.training.unrolling import UnrolledTask, unrolled_steps
+from nets.unrolling_config import UnrollingConfig
 from nets.weights import load_weights
 from warp_caustics.errors import InputError, MismatchError
 
