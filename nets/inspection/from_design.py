@@ -142,7 +142,7 @@ class FromDesign:
         Raises:
             InputError: image or design do not fit the scene.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         check_initial(nominal, self.scene)
         run = _Run(self, image, nominal, list(lines), profile, progress)
         reason: StopReason = "max_iterations"

@@ -92,7 +92,7 @@ class Auto(Reconstructor):
         Raises:
             InputError: the image does not fit the scene, or options the method does not know.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         folds = has_folds(image, self.scene)
         # A network is loaded only where it may be used.
         refusal = self._refusal() if initial is None and folds else None

@@ -71,7 +71,7 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         warnings = list(self.network.warnings)
         if initial is not None:
             check_initial(initial, self.scene)

@@ -14,8 +14,9 @@ from nets.scene_match import working_scene
 from nets.shipped import FoundNetwork
 from warp_caustics.data_gradient import possible_heights
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from warp_caustics.reconstruct.exposure import light_ratio, untreated_warning
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
-from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.result import TRAINED_EXPOSURE_ERROR, Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
@@ -97,7 +98,7 @@ class Iterated(Reconstructor):
         Ctrl-C and ``max_time_s`` end it with the last complete step. The residual of a history's entry is that
         before its step.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
         log = RunLog(self.iterations, progress, self.options.max_time_s)
@@ -108,7 +109,9 @@ class Iterated(Reconstructor):
         reason = self._iterate(image, initial, steps, log)
         heights = as_glass(self.mean(steps.heights).cpu().numpy(), self.scene)
         timings = {"iteration": log.elapsed_s}
-        warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(log.history), refinement="off")
+        told = untreated_warning(light_ratio(resimulation.measurement), self.name, TRAINED_EXPOSURE_ERROR)
+        warnings = [*self.network.warnings, *([] if told is None else [told])]
+        counters = dict[str, Any](steps=len(log.history), refinement="off")
         if self.options.refine and reason == "max_iterations":
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record

@@ -74,6 +74,17 @@ def at_nominal(image: CausticImage, ratio: FloatArray) -> CausticImage:
     return dataclasses.replace(image, irradiance=image.irradiance / ratio[:, None, None], noise_std=noise)
 
 
+def untreated_warning(ratio: FloatArray, method: str, least: float = MOST_LIGHT_LOST) -> str | None:
+    """What the user should know of an exposure that a method takes for the relief's doing; None up to ``least``."""
+    if np.abs(ratio - 1).max() <= least:
+        return None
+    shares = ", ".join(f"{value:.2%}" for value in ratio)
+    return (
+        f"the image has {shares} of the light that this scene gives, which {method} explains by the relief (limit "
+        f"{least:.0%}); check exposure and flat frame, or try --method refine"
+    )
+
+
 def exposure_warning(ratio: FloatArray, least: float = WARNED_EXPOSURE_ERROR) -> str | None:
     """What the user should know of an exposure that was divided out; None for one below ``least``."""
     if np.abs(ratio - 1).max() <= least:

@@ -36,6 +36,7 @@ from warp_caustics.reconstruct.base import (
     StopReason,
 )
 from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.run_log import following
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -115,6 +116,8 @@ class _Run:
         self.started, self.progress = started, progress
         self.history: list[dict[str, Any]] = list(answer.history)
         self.reason: StopReason = "converged"
+        self.refined = 0
+        """Steps of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.iterations = method.options.max_iterations or ITERATIONS
 
@@ -231,9 +234,17 @@ class _Run:
 
     def _refined(self, heights: FloatArray) -> "_Refined":
         """A relief after the steps that ``direct`` ends with."""
+        if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
+            return _Refined(heights, self.resimulation(heights).residual, "interrupted")
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
         elapsed = time.perf_counter() - self.started
-        found = self.method.refinement(self.resimulation, heights, elapsed, self.progress, spread)
+        progress = following(self.progress, len(self.history) + self.refined, self.started, "refinement, ")
+        found = self.method.refinement(self.resimulation, heights, elapsed, progress, spread)
+        self.refined += 0 if found is None else len(found.history)
+        if found is None:
+            self.reason = "max_time"
+        elif found.reason in ("interrupted", "max_time"):
+            self.reason = found.reason
         better = heights if found is None else found.heights
         return _Refined(better, self.resimulation(better).residual, outcome(found))
 

@@ -69,7 +69,7 @@ class Refine(Reconstructor):
 
         Ctrl-C (KeyboardInterrupt) ends it with the best relief so far.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
         n = self.scene.height_samples

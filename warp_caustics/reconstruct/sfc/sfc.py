@@ -21,6 +21,7 @@ import torch
 from warp_caustics.data_gradient import data_gradient, lowest_height_m
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from warp_caustics.reconstruct.exposure import light_ratio, untreated_warning
 from warp_caustics.reconstruct.objective import Measurement, total_variation
 from warp_caustics.reconstruct.pyramid import (
     check_image,
@@ -146,7 +147,7 @@ class Sfc(Reconstructor):
         """
         options, n = self.options, self.scene.height_samples
         log = RunLog(options.max_iterations, progress, options.max_time_s, options.discrepancy)
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
         constraints = gather(
@@ -165,10 +166,10 @@ class Sfc(Reconstructor):
         except KeyboardInterrupt as stop:
             reason = why_stopped(stop)
         point = iterates.kept(reason) or start
-        simulator = CausticSimulator(self.scene, "lattice", device=self.device)
+        resimulation = Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image)
         return make_result(
             self.name,
-            Resimulation(simulator, image),
+            resimulation,
             point.heights,
             reason=reason,
             history=log.history,
@@ -184,7 +185,7 @@ class Sfc(Reconstructor):
                 "first_step_m2": step,
                 "simulation": self._simulator(pixels, 0).settings(),
             },
-            warnings=self._warnings(point, start, reason, constraints, pixels),
+            warnings=[*self._warnings(point, start, reason, constraints, pixels), *_light_warnings(resimulation)],
         )
 
     def _pixels(self) -> int:
@@ -313,3 +314,10 @@ class Sfc(Reconstructor):
                 f"no convergence: the residual is {point.residual:.3g}, above the {start.residual:.3g} of the start; "
                 "lower step"
             )
+
+
+def _light_warnings(resimulation: Resimulation) -> Iterator[str]:
+    """The published scheme knows no exposure but that of the scene."""
+    told = untreated_warning(light_ratio(resimulation.measurement), Sfc.name)
+    if told is not None:
+        yield told

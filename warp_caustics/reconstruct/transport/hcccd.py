@@ -135,6 +135,7 @@ class Hcccd(Reconstructor):
         heights = surface.heights()
         drift = surface.base_m()
         counters = {"mass_error": transport.mass_error, "steps": transport.steps, "light_balance": light.balance}
+        counters["exposure"] = light.exposure.tolist()
         counters |= {"outer_iterations": surface.iterations, "base_drift_m": drift}
         counters |= {"sideways_m": surface.sideways_m(), "last_move_m": surface.moved_m}
         warnings = [*light.warnings, *mass_warnings(transport), *surface.warnings]
@@ -143,7 +144,7 @@ class Hcccd(Reconstructor):
         settings = options.model_dump() | {"cells": self.cells, "from_flat": not np.ptp(start)}
         return make_result(
             self.name,
-            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image),
+            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, light.exposure),
             heights,
             reason=reason,
             history=log.history,

@@ -128,7 +128,7 @@ class Transport(Reconstructor):
         transport_s = log.elapsed_s
         targets = targets_of(transport, start, light.scene)
         heights, geometry = self._heights(targets, start, light.scene)
-        geometry["light_balance"] = light.balance
+        geometry |= {"light_balance": light.balance, "exposure": light.exposure.tolist()}
         geometry |= {"mass_error": transport.mass_error, "steps": transport.steps}
         timings = {"transport": transport_s, "heights": log.elapsed_s - transport_s}
         warnings = [*light.warnings, *mass_warnings(transport)]
@@ -137,7 +137,7 @@ class Transport(Reconstructor):
         settings = options.model_dump() | {"cells": self.cells, "from_flat": not np.ptp(start)}
         return make_result(
             self.name,
-            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image),
+            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, light.exposure),
             heights,
             reason=why_carried(transport),
             history=log.history,
