@@ -101,7 +101,10 @@ class Measurement:
 
 
 def total_variation(heights: torch.Tensor, pitch_m: tuple[float, float]) -> torch.Tensor:
-    """Mean smoothed slope magnitude [1] of heights [n, n] [m]: favours flat plate between the lines."""
+    """Mean smoothed slope magnitude [1] of heights [n, n] [m]: favours flat plate between the lines.
+
+    sqrt(|grad h|^2 + s^2) - s (Rudin, Osher and Fatemi 1992, smoothed as by Acar and Vogel 1994), s = 0.01.
+    """
     slope_x = heights.diff(dim=1)[:-1] / pitch_m[0]
     slope_y = heights.diff(dim=0)[:, :-1] / pitch_m[1]
     return ((slope_x**2 + slope_y**2 + SLOPE_SCALE**2).sqrt() - SLOPE_SCALE).mean()

@@ -1,4 +1,7 @@
-"""L-BFGS in the curvature metric: weak caustics from a flat start, see ``metric.py``."""
+"""L-BFGS in the curvature metric: weak caustics from a flat start, see ``metric.py``.
+
+Liu and Nocedal 1989; SciPy runs the form with bounds (Byrd et al. 1995), which are not used.
+"""
 
 from collections.abc import Callable
 

@@ -32,7 +32,7 @@ BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 
 
 class HeightDescent:
-    """Adam with a step that falls to a twentieth along a cosine.
+    """Adam (Kingma and Ba 2015) with a step that falls to a twentieth along a cosine (Loshchilov and Hutter 2017).
 
     Args:
         simulator: in units of the radiosity, at the pixels that count.

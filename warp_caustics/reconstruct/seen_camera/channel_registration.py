@@ -34,7 +34,7 @@ CUTS = 6
 CUT_ENOUGH = 0.02
 """Change of the blur [px^2] at which that is enough."""
 FAR_PX = 1.0
-"""Displacement beyond which phase correlation is asked first."""
+"""Displacement beyond which phase correlation (Kuglin and Hines 1975) is asked first."""
 TURNS = 3
 """Times that channels are moved and compared again."""
 OUTLIER = 3.0

@@ -1,6 +1,6 @@
 """Landweber iteration on the caustic: data term, step size and the updates of SfC's three variants.
 
-Kassubeck et al., Shape from Caustics, WACV 2021. All steps and thresholds are
+Kassubeck et al., Shape from Caustics, WACV 2021; the problem stands in the package. All steps and thresholds are
 relative to the problem at hand, so they hold for any units of length and light.
 """
 
@@ -30,8 +30,8 @@ POWER_ITERATIONS = 12
 def curvature(simulator: CausticSimulator, measurement: Measurement, heights: FloatArray) -> float:
     """L: largest eigenvalue of the Gauss-Newton Hessian J^T W J of the l2 data term [1/m^2].
 
-    Power iteration; J v by central differences of the image, J^T by the exact gradient. Gradient descent on the
-    linearised problem converges for steps below 2 / L.
+    Power iteration v <- J^T W J v, normalised; J v by central differences of the image, J^T by the exact adjoint.
+    Gradient descent on the linearised problem converges for steps below 2 / L.
 
     Args:
         simulator: the model, in units of the radiosity.

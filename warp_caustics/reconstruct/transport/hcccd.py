@@ -7,6 +7,13 @@ these normals; the last two in turn, since a vertex that moved sees its target
 under another angle. As others who measure plates with it do, light is refracted
 once: from the relief it goes straight to the screen, through glass all the way.
 
+Normal integration: vertices x, their rays d, the wanted unit normals N and the graph Laplacian L,
+
+    min_x  sum |n(x) - N|^2 + a sum |x - proj_d x|^2 + b sum |L x|^2 + c sum max(0, -log(1 + z - z_0))^2,
+
+the paper's integration, direction, regularisation and barrier energies; its flux term is left out, as in the code that
+others published.
+
 Departures: transport by our grid solver instead of power diagrams; as many vertices as cells of that grid (256 x 256
 for Tab. 1, 287 x 287 published), since the weight of smoothness depends on their number; and each inner minimisation
 starts at the exact integral of the wanted slopes, because L-BFGS alone hardly moves slow modes; the minimum is the

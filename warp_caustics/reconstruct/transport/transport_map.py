@@ -1,15 +1,18 @@
 """Optimal transport between two densities on one square grid: the back-and-forth method.
 
 Of all maps that carry a density f to a density g, the optimal one for the cost
-|x - y|^2 / 2 is the only gradient of a convex function (Brenier): it folds
-nowhere. It is found by ascent on the dual problem (Jacobs and Leger, "A fast
+|x - y|^2 / 2 is the only gradient of a convex function (Brenier 1991): it folds
+nowhere. It is found by ascent on the dual problem (Jacobs and Leger 2020, "A fast
 approach to optimal transport: the back-and-forth method", arXiv 1905.12154),
 
     J(phi) = sum phi g + sum phi^c f,    phi^c(x) = min_y |x - y|^2 / 2 - phi(y),
 
-stepping in turn in phi and in its transform psi = phi^c. The gradient of J is g
-minus f pushed through T = id - grad phi^c, taken in the metric of the Laplacian;
-c-transforms are separable, axis by axis.
+stepping in turn in phi and in its transform psi = phi^c,
+
+    phi <- phi + sigma (-Laplacian)^-1 (g - T#f),    psi <- phi^c,    T = id - grad psi,
+
+then the same with f and g, phi and psi exchanged: g - T#f is the gradient of J, taken
+in the metric of the Laplacian. c-transforms are separable, axis by axis.
 
 Lengths are pixels here. Departures from the paper: every one-dimensional
 minimum is refined by a parabola through its three lowest values, since

@@ -14,7 +14,6 @@ from warp_caustics.reconstruct.methods import create
 ONE = {"wavelengths_m": (5e-7,), "radiosity_W_m2": (1.0,)}
 SMALL = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.0125, 0.0125), **ONE)
 LANDWEBER = ["landweber_pixel", "landweber_wavelet"]
-VARIANTS = ["baseline", *LANDWEBER]
 
 
 def lines(height_m=6e-5):
