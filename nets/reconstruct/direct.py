@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import torch
 from pydantic import Field
 
-from nets.reconstruct.network_io import network_image, network_result
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
 from nets.replayed import Replayed
@@ -77,7 +77,7 @@ class Direct(Reconstructor):
             check_initial(initial, self.scene)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
-        resimulation = Resimulation(self.simulator, image).exposed()
+        resimulation = Resimulation(self.simulator, image).exposed(least=TRAINED_EXPOSURE_ERROR)
         answers, reason = self._answers(resimulation.image, log)
         interrupted = reason == "interrupted"
         n = self.scene.height_samples

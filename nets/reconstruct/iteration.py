@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from nets.reconstruct.network_io import network_image, network_result
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.scene_match import working_scene
 from nets.shipped import FoundNetwork
@@ -16,7 +16,7 @@ from warp_caustics.data_gradient import possible_heights
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
 from warp_caustics.reconstruct.exposure import light_ratio, untreated_warning
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
-from warp_caustics.reconstruct.result import TRAINED_EXPOSURE_ERROR, Resimulation, as_glass
+from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device

@@ -13,6 +13,9 @@ from warp_caustics.reconstruct.seen_camera.aligned_channels import repaired
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
+TRAINED_EXPOSURE_ERROR = 0.05
+"""Deviations that networks are trained with."""
+
 UNKNOWN_RESIDUAL = 0.4
 """Own fields of Tab. 3 end below 0.3; more means that the network does not know such images."""
 

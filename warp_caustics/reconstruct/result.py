@@ -20,9 +20,6 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-TRAINED_EXPOSURE_ERROR = 0.05
-"""Deviations that networks are trained with."""
-
 
 class Resimulated(NamedTuple):
     """A relief's caustic."""
@@ -96,17 +93,17 @@ class Resimulation:
             seen._blur = blur_matrices(camera.pixels, camera.blur, device)
         return seen
 
-    def exposed(self, heights: FloatArray | None = None) -> "Resimulation":
+    def exposed(self, heights: FloatArray | None = None, least: float = LEAST_EXPOSURE_ERROR) -> "Resimulation":
         """The same with the exposure that a relief's light tells.
 
         Args:
-            heights: relief [m], shape [n, n]. None takes a flat plate, and only what networks do not know: they have
-                seen 5 %, and a relief may send more light than a flat plate beside the screen.
+            heights: relief [m], shape [n, n]; a flat plate if None, but a relief may send more light beside the screen.
+            least: smaller deviations are left alone.
         """
         ratio = light_ratio(self.measurement)
         if heights is not None:
             ratio = agreed_ratio(light_ratio(self.measurement, self(heights).image / self._radiosity), ratio)
-        if not is_exposure(ratio, TRAINED_EXPOSURE_ERROR if heights is None else LEAST_EXPOSURE_ERROR):
+        if not is_exposure(ratio, least):
             return self
         return Resimulation(self.simulator, self._given, self.exposure * ratio)
 

@@ -25,13 +25,13 @@ Source = Literal["none", "given", "estimated", "oracle"]
 PRINTED_M = 2.5e-5
 """Relief from which a sample counts as printed [m]: SfC's 1e-3 of its 2.5 cm."""
 
-GROWTH = 0.05
+MASK_GROWTH = 0.05
 """A mask is grown by this fraction of the samples per side: SfC's default, 6 of 128."""
 
 LIT_DIFFERENTLY = 0.05
 """Deviation from the flat plate, relative to the radiosity, that counts as a trace of print, at least."""
 
-NOISE_FACTOR = 3.0
+LIT_ABOVE_NOISE = 3.0
 """The same in units of the noise."""
 
 
@@ -68,7 +68,7 @@ class Constraints:
 
 def grown(mask: BoolArray) -> BoolArray:
     """A mask [n, n] dilated by floor(0.05 n) samples, one 4-neighbourhood after another, at least one."""
-    steps = max(1, int(GROWTH * len(mask)))
+    steps = max(1, int(MASK_GROWTH * len(mask)))
     result: BoolArray = scipy.ndimage.binary_dilation(mask, iterations=steps)
     return result
 
@@ -90,7 +90,7 @@ def estimated_mask(image: CausticImage, scene: Scene) -> BoolArray:
     lit = radiosity > 0
     relative = image.irradiance[lit] / radiosity[lit, None, None]
     noise = np.zeros(lit.sum()) if image.noise_std is None else np.asarray(image.noise_std)[lit] / radiosity[lit]
-    limit = np.maximum(LIT_DIFFERENTLY, NOISE_FACTOR * noise)
+    limit = np.maximum(LIT_DIFFERENTLY, LIT_ABOVE_NOISE * noise)
     squared = (relative - 1) ** 2
     if image.mask is not None:
         squared = np.where(image.mask[lit], squared, np.inf)

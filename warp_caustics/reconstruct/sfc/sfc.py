@@ -54,7 +54,7 @@ MAX_RELIEF_M = 0.1
 MAX_HALVINGS = 6
 """Of the step in one iteration: the volume heuristic may have to raise the data term, whatever the step."""
 
-GROWTH = 1.2
+STEP_GROWTH = 1.2
 """Of the step after an iteration that needed no halving."""
 
 CONVERGED_M = 1e-10
@@ -282,7 +282,7 @@ class Sfc(Reconstructor):
         if self.options.step_control == "fixed":
             return candidate, step, step
         if candidate.objective <= point.objective:
-            return candidate, step, GROWTH * step
+            return candidate, step, STEP_GROWTH * step
         for _ in range(MAX_HALVINGS):
             step /= 2
             candidate = self._evaluate(measurement, simulator, update(point.heights, point.gradient, step))
