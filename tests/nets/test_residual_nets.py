@@ -1,4 +1,4 @@
-"""This project's own networks."""
+"""This project's own networks, direct and unrolled, and the blocks and encodings that they share."""
 
 import pytest
 import torch
