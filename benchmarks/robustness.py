@@ -40,7 +40,7 @@ from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes
 from data_gen.testset import TEST_FIELDS, TEST_PHOTONS, fields_config
 from nets.reconstruct.methods import create
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.shipped import find_network
 from warp_caustics.metrics import height_errors
 from warp_caustics.reconstruct.base import CausticImage, Reconstructor
@@ -192,7 +192,7 @@ def judged(
     uncertainty = result.uncertainty_m.astype(np.float64)
     for name, factor in (("within_one", 1), ("within_two", 2)):
         found[name] = round(float(np.mean(np.abs(error) <= factor * uncertainty)), 4)
-    return found, error, uncertainty / DIRECT.scale
+    return found, error, uncertainty / DIRECT_CALIBRATION.scale
 
 
 class Run:
@@ -333,7 +333,7 @@ def main() -> None:
         print("\n".join(lines(name, run(name))), flush=True)
     if arguments.calibrate:
         keys = {name: [f"{run.key('direct', name)}/{k}" for k in range(fields.count)] for name in conditions}
-        print_fits(kept, keys, DIRECT.scale)
+        print_fits(kept, keys, DIRECT_CALIBRATION.scale)
     print(f"\n{fields.count} fields, weights {weights}, {time.perf_counter() - started:.0f} s")
 
 

@@ -11,16 +11,17 @@ from torch import nn
 
 from nets.config import NetworkConfig
 from nets.denoiser import Denoiser
+from nets.direct_net import DirectNet
 from nets.family_config import FAMILY_PRESETS, DenoiserConfig, UpdaterConfig
-from nets.modern import DirectNet, UnrolledUpdater
-from nets.modern_config import MODERN_PRESETS, DirectConfig, UnrolledConfig
+from nets.residual_config import RESIDUAL_PRESETS, DirectConfig, UnrolledConfig
+from nets.unrolled_net import UnrolledUpdater
 from nets.updater import Updater
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene, validation_lines
 
 Architecture = DenoiserConfig | UpdaterConfig | DirectConfig | UnrolledConfig
 
-PRESETS: dict[str, Architecture] = {**FAMILY_PRESETS, **MODERN_PRESETS}
+PRESETS: dict[str, Architecture] = {**FAMILY_PRESETS, **RESIDUAL_PRESETS}
 
 MAX_PARAMETERS = 2**29
 """2 GiB of float32, four times that in training. Corners of Tab. 2's ranges reach 10^11."""

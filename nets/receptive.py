@@ -13,8 +13,8 @@ from nets.architecture import Architecture
 from nets.config import NetworkConfig
 from nets.denoiser import EDGE_KERNEL
 from nets.family_config import DenoiserConfig, UpdaterConfig
-from nets.modern_config import BackboneConfig
 from nets.padding import resolution_ratio
+from nets.residual_config import BackboneConfig
 from nets.unet import MERGE_KERNEL, kernel_margins
 from nets.updater import LAST_KERNEL, output_strides
 from warp_caustics.scene import Scene
@@ -54,7 +54,7 @@ def receptive_field(architecture: Architecture, scene: Scene) -> ReceptiveField:
         image = max(_size(_branch(architecture.network, (i, i), ratio)) for i in period)
         return ReceptiveField(image, max(_size(_branch(architecture.network, (i, i), 1)) for i in period), False)
     period = range(2 ** (len(architecture.backbone.widths) - 1))
-    samples = max(_size(_modern(architecture.backbone, (i, i))) for i in period)
+    samples = max(_size(_residual(architecture.backbone, (i, i))) for i in period)
     # Slopes of the current heights reach one sample further.
     heights = samples + 2 if architecture.kind == "unrolled" else None
     return ReceptiveField(samples * ratio, heights, True)
@@ -114,6 +114,6 @@ def _backbone(depths: Sequence[int], span: Span) -> Span:
     return _blocks(_union(merged, _conv(below, 3, stride=2, before=1)), depths[0])
 
 
-def _modern(backbone: BackboneConfig, span: Span) -> Span:
+def _residual(backbone: BackboneConfig, span: Span) -> Span:
     # Head, backbone, stem.
     return _conv(_backbone(backbone.depths, _conv(span, 3)), 3)

@@ -18,7 +18,7 @@ from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
-MAX_DIFFERENCE = 0.01
+MAX_IMAGE_DIFFERENCE = 0.01
 """Relative image difference ||a - b|| / ||b|| up to which scenes count as one: the noise of a good camera.
 Measured on Tab. 3 reliefs: 0.001 for glass between plate and screen, 0.023 for the screen at 10 um, 0.016 for a
 base 10 um thicker, 0.04 for a refractive index 0.3 % off."""
@@ -93,12 +93,12 @@ def check_scene(
         why = listed
     else:
         difference = image_difference(scene, trained, device)
-        if difference <= MAX_DIFFERENCE:
+        if difference <= MAX_IMAGE_DIFFERENCE:
             return (
                 f"{name} was trained for another scene ({listed}); used because images of both differ by "
-                f"{difference:.2%} only, at most {MAX_DIFFERENCE:.0%} is accepted",
+                f"{difference:.2%} only, at most {MAX_IMAGE_DIFFERENCE:.0%} is accepted",
             )
-        why = f"{listed}; images differ by {difference:.1%}, at most {MAX_DIFFERENCE:.0%} is accepted"
+        why = f"{listed}; images differ by {difference:.1%}, at most {MAX_IMAGE_DIFFERENCE:.0%} is accepted"
     raise MismatchError(f"{name} is for another scene: {why}; train one with: {train_command(kind, scene, settings)}")
 
 

@@ -9,7 +9,7 @@ from nets.backbone import zeroed
 from nets.config import NetworkConfig
 from nets.encoding import full_precision
 from nets.family_config import UpdaterConfig
-from nets.modern import check_heights, check_image
+from nets.input_shapes import check_heights, check_image
 from nets.padding import resolution_ratio
 from nets.unet import ConvBlock, UNet
 from warp_caustics.errors import MismatchError

@@ -39,8 +39,8 @@ from nets.reconstruct.fibres.uncertainty import (
     design_uncertainty,
     disagreement,
 )
-from nets.reconstruct.record import Resimulation, as_glass, finished
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.network_io import network_result
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.prints.fit import FittedLine, fit_lines
 from warp_caustics.prints.line import Line, Section, line_relief
@@ -50,6 +50,7 @@ from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallb
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.refine.options import RefineOptions
 from warp_caustics.reconstruct.refine.refine import Refine
+from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
@@ -141,7 +142,7 @@ class FromDesign:
         Raises:
             InputError: image or design do not fit the scene.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         check_initial(nominal, self.scene)
         run = _Run(self, image, nominal, list(lines), profile, progress)
         reason: StopReason = "max_iterations"
@@ -302,7 +303,7 @@ class _Run:
             if camera.displaces:
                 self._judge_by(self.resimulation.through(camera.sharp()))
         if result.uncertainty_m is not None:
-            self.spread = SPREADS / DIRECT.scale * result.uncertainty_m.astype(np.float64)
+            self.spread = SPREADS / DIRECT_CALIBRATION.scale * result.uncertainty_m.astype(np.float64)
         else:
             self.spread = None
         self.counters["misfit"]["free"] = self.total(self.free)
@@ -377,7 +378,7 @@ class _Run:
             sigma = design_uncertainty(self.spread, kind)
         elif self.free is not None:
             sigma = disagreement(self.best, self.free)
-        reconstruction = finished(
+        reconstruction = network_result(
             FromDesign.name,
             self.resimulation,
             as_glass(self.best, self.scene),

@@ -1,6 +1,7 @@
 """``auto``: the method that suits the image, the scene, the start and the networks at hand."""
 
 import dataclasses
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -15,7 +16,8 @@ from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Recon
 from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.reconstruct.pyramid import check_image
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.transport.transport import BAD_RESIDUAL, transport_initial, with_initial
+from warp_caustics.reconstruct.run_log import following
+from warp_caustics.reconstruct.transport.transport import FOLDED_RESIDUAL, transport_initial, with_initial
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
 from warp_caustics.types import FloatArray
@@ -90,7 +92,7 @@ class Auto(Reconstructor):
         Raises:
             InputError: the image does not fit the scene, or options the method does not know.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         folds = has_folds(image, self.scene)
         # A network is loaded only where it may be used.
         refusal = self._refusal() if initial is None and folds else None
@@ -112,15 +114,17 @@ class Auto(Reconstructor):
             result = self._method(choice.plan).reconstruct(image, initial=initial, progress=progress)
         else:
             refine = self._method("refine")
+            started = time.perf_counter()
             start = transport_initial(self.scene, image, self.device, progress)
+            after = following(progress, len(start.history), started)
             if start.stop_reason == "interrupted":
                 result = start
-            elif start.residual <= BAD_RESIDUAL:
+            elif start.residual <= FOLDED_RESIDUAL:
                 why += f"; transport explains the image to {start.residual:.1%}, so refine starts there"
-                result = with_initial(refine.reconstruct(image, initial=start.heights_m, progress=progress), start)
+                result = with_initial(refine.reconstruct(image, initial=start.heights_m, progress=after), start)
             else:
                 why += f"; transport leaves {start.residual:.0%} of the image unexplained, so refine starts from flat"
-                result = refine.reconstruct(image, progress=progress)
+                result = refine.reconstruct(image, progress=after)
         return dataclasses.replace(result, settings=result.settings | {"auto": {"plan": choice.plan, "why": why}})
 
     def _refusal(self) -> str | None:

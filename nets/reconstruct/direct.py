@@ -1,36 +1,29 @@
 """``direct``: heights from the image by one network, averaged over symmetries, then refined on the exact model."""
 
-import dataclasses
-import time
 from typing import Annotated, Any
 
 import torch
 from pydantic import Field
 
-from nets.reconstruct.polish import Polish, PolishOptions, outcome
-from nets.reconstruct.record import Resimulation, as_glass, finished, network_image
-from nets.reconstruct.symmetries import all_symmetries, seen_in, turned_back
-from nets.reconstruct.uncertainty import DIRECT, uncertainty
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
+from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
 from nets.replayed import Replayed
 from nets.shipped import find_network
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    Progress,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-    StopReason,
-)
+from nets.symmetries import all_symmetries, seen_in, turned_back
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-BATCH = {"cpu": 4, "cuda": 8}
-"""Symmetries at a time."""
+SYMMETRIES_AT_ONCE = {"cpu": 4, "cuda": 8}
+"""By device."""
 
 
-class DirectOptions(PolishOptions):
+class DirectOptions(RefinementOptions):
     """Settings of ``direct``."""
 
     symmetries: bool = True
@@ -63,7 +56,7 @@ class Direct(Reconstructor):
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.polish = Polish(scene, self.options, self.device)
+        self.refinement = Refinement(scene, self.options, self.device)
 
     def reconstruct(
         self,
@@ -78,34 +71,35 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         warnings = list(self.network.warnings)
         if initial is not None:
             check_initial(initial, self.scene)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
-        started = time.perf_counter()
-        resimulation = Resimulation(self.simulator, image).exposed()
-        answers, history, interrupted = self._answers(resimulation.image, started, progress)
+        log = RunLog(0, progress)
+        resimulation = Resimulation(self.simulator, image).exposed(least=TRAINED_EXPOSURE_ERROR)
+        answers, reason = self._answers(resimulation.image, log)
+        interrupted = reason == "interrupted"
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
         heights = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        spread = uncertainty(answers.double(), DIRECT)
-        timings = {"network": time.perf_counter() - started}
+        spread = uncertainty(answers.double(), DIRECT_CALIBRATION)
+        timings = {"network": log.elapsed_s}
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m, self._trained_shift_px)
-        reason: StopReason = "interrupted" if interrupted else "converged"
+        history = log.history
         if self.options.refine and not interrupted:
-            found = self.polish(
+            found = self.refinement(
                 resimulation,
                 heights,
                 timings["network"],
-                _after(progress, history, started),
-                None if spread is None else spread.cpu().numpy() / DIRECT.scale,
+                following(progress, len(history), log.started, "refinement, "),
+                None if spread is None else spread.cpu().numpy() / DIRECT_CALIBRATION.scale,
             )
             reason = "max_time"
             if found is not None:
@@ -115,8 +109,8 @@ class Direct(Reconstructor):
                     for k, entry in enumerate(found.history)
                 ]
             counters["refinement"] = outcome(found)
-            timings["refinement"] = time.perf_counter() - started - timings["network"]
-        return finished(
+            timings["refinement"] = log.elapsed_s - timings["network"]
+        return network_result(
             self.name,
             resimulation,
             heights,
@@ -136,47 +130,21 @@ class Direct(Reconstructor):
         shift = camera.get("shift_px") if isinstance(camera, dict) else None
         return None if shift is None else float(shift)
 
-    def _answers(
-        self, image: CausticImage, started: float, progress: ProgressCallback | None
-    ) -> tuple[torch.Tensor, list[dict[str, Any]], bool]:
-        """Heights of each symmetry turned back, shape [B, n, n] [m]; history; whether Ctrl-C came."""
+    def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
+        """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""
         seen = network_image(image, self.scene, self.network.info.scene, self.device)
         symmetries = all_symmetries(self.scene)
         if not self.options.symmetries:
             symmetries = symmetries[:, :1]
         n = self.scene.height_samples
-        answers, history = torch.empty(0, n, n, device=self.device), list[dict[str, Any]]()
-        batch = BATCH[self.device.type]
+        answers = torch.empty(0, n, n, device=self.device)
+        batch = SYMMETRIES_AT_ONCE[self.device.type]
+        log.total = -(-symmetries.shape[1] // batch)
         try:
             for part in symmetries.split(batch, dim=1):
                 heights = self.replayed(seen_in(seen, part))
                 answers = torch.cat([answers, turned_back(heights, part)])
-                elapsed = time.perf_counter() - started
-                entry = {"stage": "network", "iteration": len(history) + 1, "residual": None, "elapsed_s": elapsed}
-                history.append(entry | {"symmetries": len(answers)})
-                if progress is not None:
-                    steps = -(-symmetries.shape[1] // batch)
-                    progress(Progress("network", len(history), steps, float("nan"), elapsed))
-        except KeyboardInterrupt:
-            return answers, history, True
-        return answers, history, False
-
-
-def _after(progress: ProgressCallback | None, history: list[dict[str, Any]], started: float) -> ProgressCallback | None:
-    """A callback that counts iterations and time on from what was done before."""
-    if progress is None:
-        return None
-    before, report = len(history), progress
-
-    def shifted(state: Progress) -> None:
-        report(
-            dataclasses.replace(
-                state,
-                stage=f"refinement, {state.stage.split(', ')[-1]}",
-                iteration=before + state.iteration,
-                total=before + state.total,
-                elapsed_s=time.perf_counter() - started,
-            )
-        )
-
-    return shifted
+                log.note("network", None, symmetries=len(answers))
+        except KeyboardInterrupt as stop:
+            return answers, why_stopped(stop)
+        return answers, "converged"

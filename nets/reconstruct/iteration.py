@@ -1,6 +1,5 @@
 """The loop that ``nsfc`` and ``nsfc-unrolled`` share: simulate, compare, let a network step, again."""
 
-import time
 from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -9,26 +8,22 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from nets.glass import possible_heights
-from nets.reconstruct.polish import Polish, PolishOptions, outcome
-from nets.reconstruct.record import Resimulation, as_glass, finished, network_image
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
+from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.scene_match import working_scene
 from nets.shipped import FoundNetwork
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    Progress,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-    StopReason,
-)
+from warp_caustics.data_gradient import possible_heights
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from warp_caustics.reconstruct.exposure import light_ratio, untreated_warning
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
 
-class IterationOptions(PolishOptions):
+class IterationOptions(RefinementOptions):
     """Settings of methods that iterate a network."""
 
     max_iterations: Annotated[int, Field(ge=1, le=1000)] | None = None
@@ -45,12 +40,10 @@ class Steps:
 
     Attributes:
         heights: current relief of each copy [m], shape [B, n, n].
-        history: one entry per step.
         iterates: mean relief [m] before the first and after every step, where kept.
     """
 
     heights: torch.Tensor
-    history: list[dict[str, Any]] = field(default_factory=list)
     iterates: list[FloatArray] = field(default_factory=list)
 
 
@@ -69,7 +62,7 @@ class Iterated(Reconstructor):
         self.scene, self.options, self.network = scene, options.on(self.device.type), network
         self.inner_scene = working_scene(scene, network.info.scene)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.polish = Polish(scene, options, self.device)
+        self.refinement = Refinement(scene, options, self.device)
 
     @property
     @abstractmethod
@@ -105,33 +98,36 @@ class Iterated(Reconstructor):
         Ctrl-C and ``max_time_s`` end it with the last complete step. The residual of a history's entry is that
         before its step.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
-        started = time.perf_counter()
+        log = RunLog(self.iterations, progress, self.options.max_time_s)
         resimulation = Resimulation(self.simulator, image)
         n = self.scene.height_samples
         flat = np.zeros((n, n)) if initial is None else initial
         steps = Steps(torch.as_tensor(flat, dtype=torch.float32, device=self.device)[None])
-        reason = self._iterate(image, initial, steps, started, progress)
+        reason = self._iterate(image, initial, steps, log)
         heights = as_glass(self.mean(steps.heights).cpu().numpy(), self.scene)
-        timings = {"iteration": time.perf_counter() - started}
-        warnings, counters = list(self.network.warnings), dict[str, Any](steps=len(steps.history), refinement="off")
+        timings = {"iteration": log.elapsed_s}
+        told = untreated_warning(light_ratio(resimulation.measurement), self.name, TRAINED_EXPOSURE_ERROR)
+        warnings = [*self.network.warnings, *([] if told is None else [told])]
+        counters = dict[str, Any](steps=len(log.history), refinement="off")
         if self.options.refine and reason == "max_iterations":
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m)
-            found = self.polish(resimulation, heights, timings["iteration"], progress)
+            after = following(progress, len(log.history), log.started, "refinement, ")
+            found = self.refinement(resimulation, heights, timings["iteration"], after)
             if found is not None:
                 heights, reason = found.heights, found.reason
             counters["refinement"] = outcome(found)
-            timings["refinement"] = time.perf_counter() - started - timings["iteration"]
-        return finished(
+            timings["refinement"] = log.elapsed_s - timings["iteration"]
+        return network_result(
             self.name,
             resimulation,
             heights,
             reason=reason,
-            history=steps.history,
+            history=log.history,
             timings=timings,
             counters=counters,
             settings=self.options.model_dump() | self.used,
@@ -139,33 +135,19 @@ class Iterated(Reconstructor):
             iterates=np.stack(steps.iterates) if steps.iterates else None,
         )
 
-    def _iterate(
-        self,
-        image: CausticImage,
-        initial: FloatArray | None,
-        steps: Steps,
-        started: float,
-        progress: ProgressCallback | None,
-    ) -> StopReason:
+    def _iterate(self, image: CausticImage, initial: FloatArray | None, steps: Steps, log: RunLog) -> StopReason:
         """Fill ``steps``; returns why it ended."""
-        limit = self.options.max_time_s
         try:
             target = network_image(image, self.scene, self.network.info.scene, self.device)
-            steps.heights = self.start(target, initial)
+            steps.heights = possible_heights(self.start(target, initial), self.scene)
             self._keep(steps)
             for number in range(self.iterations):
                 found, residual = self.step(number, steps.heights)
                 steps.heights = possible_heights(found, self.scene)
                 self._keep(steps)
-                elapsed = time.perf_counter() - started
-                entry = {"stage": "network", "iteration": number + 1, "residual": residual, "loss": residual**2 / 2}
-                steps.history.append(entry | {"elapsed_s": elapsed})
-                if progress is not None:
-                    progress(Progress("network", number + 1, self.iterations, residual, elapsed))
-                if limit is not None and elapsed > limit:
-                    return "max_time"
-        except KeyboardInterrupt:
-            return "interrupted"
+                log.note("network", residual, loss=residual**2 / 2)
+        except KeyboardInterrupt as stop:
+            return why_stopped(stop)
         return "max_iterations"
 
     def _keep(self, steps: Steps) -> None:

@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 import torch
 from pydantic import Field
 
-from nets.reconstruct.gradient import Denoiser, data_gradient
 from nets.reconstruct.iteration import Iterated, IterationOptions, relative
 from nets.shipped import FoundNetwork, find_network
 from nets.weights import WeightsInfo
+from warp_caustics.data_gradient import Denoiser, squares_gradient
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
@@ -81,7 +81,7 @@ class Nsfc(Iterated):
         if self.options.photons == "paper":
             self.inner.reseed(self.options.seed + number)
         denoiser: Denoiser | None = None if self.denoiser is None else self.denoiser.module
-        shown, gradient = data_gradient(self.inner, heights, self.target, denoiser)
+        shown, gradient = squares_gradient(self.inner, heights, self.target, denoiser)
         with torch.inference_mode():
             updated: torch.Tensor = self.network.module(self.target, shown, heights, gradient)
         return updated.clone(), relative(shown, self.target)

@@ -29,8 +29,8 @@ class Calibration:
     seed: int
 
 
-DIRECT = Calibration(scale=1.147, within_one=0.717, within_two=0.904, fields=60, seed=777_001)
-"""Of the shipped direct network with eight symmetries and the refinement of ``polish.py`` on a GPU
+DIRECT_CALIBRATION = Calibration(scale=1.147, within_one=0.717, within_two=0.904, fields=60, seed=777_001)
+"""Of the shipped direct network with eight symmetries and the refinement of ``refinement.py`` on a GPU
 (``benchmarks.robustness --own 777001 --fields 60 --device cuda``); 69 to 73 % lie within one in each of the cases. A
 factor of 1.046 would cover 68.3 % of these plates, but less than 60 % of those with other sections or displaced as a
 whole, so that of the weights before stays."""

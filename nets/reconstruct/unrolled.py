@@ -4,13 +4,13 @@ from typing import Any, Literal
 
 import torch
 
-from nets.modern import Update
-from nets.reconstruct.gradient import data_gradient
 from nets.reconstruct.iteration import Iterated, IterationOptions, relative
-from nets.reconstruct.symmetries import all_symmetries, seen_in, turned_back
 from nets.replayed import Replayed
 from nets.shipped import FoundNetwork, find_network
-from nets.training.config import UnrollingConfig
+from nets.symmetries import all_symmetries, seen_in, turned_back
+from nets.unrolled_net import Update
+from nets.unrolling_config import UnrollingConfig
+from warp_caustics.data_gradient import squares_gradient
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
@@ -90,7 +90,7 @@ class NsfcUnrolled(Iterated):
         return torch.zeros(len(self.target), n, n, device=self.device)
 
     def step(self, number: int, heights: torch.Tensor) -> tuple[torch.Tensor, float]:
-        simulated, gradient = data_gradient(self.inner, heights, self.target)
+        simulated, gradient = squares_gradient(self.inner, heights, self.target)
         with torch.inference_mode():
             update: Update = self.network.module(self.target, simulated, heights, gradient, self.hidden, number)
         self.hidden = None if update.hidden is None else update.hidden.clone()

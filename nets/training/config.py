@@ -8,8 +8,9 @@ from data_gen.config import PatternConfig, ReliefConfig
 from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
+from nets.unrolling_config import PhotonVariant, Share, UnrollingConfig
 from warp_caustics.errors import InputError
-from warp_caustics.scene import Placement, Scene
+from warp_caustics.scene import Scene
 from warp_caustics.strict import Finite, Strict
 
 TrainingKind = Literal["denoiser", "updater", "direct", "unrolled"]
@@ -19,22 +20,8 @@ VALIDATION_SEED = 5_871_781_006_564_002_453
 """Of the fixed validation reliefs: the same for all runs, so that they compare."""
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
-Share = Annotated[Finite, Field(ge=0, le=1)]
 Weight = Annotated[Finite, Field(ge=0, le=1e6)]
 Seconds = Annotated[Finite, Field(gt=0, le=1e8)]
-
-
-class PhotonVariant(Strict):
-    """One way to simulate training images; a step takes one of several, so that networks do not learn a lattice."""
-
-    placement: Placement = "lattice"
-    """Where photons start."""
-    photons_per_pixel: Annotated[Finite, Field(gt=0, le=1000)] = 4.0
-    """Light paths per pixel and wavelength."""
-    smoothing: Annotated[Finite, Field(ge=0, le=1e4)] | None = None
-    """s; the lattice preset's if None."""
-    share: Share = 1.0
-    """Of the steps, relative to the other variants."""
 
 
 LATTICE = PhotonVariant()
@@ -109,51 +96,6 @@ class ValidationConfig(Strict):
     """Selects them."""
     noise: Annotated[Finite, Field(ge=0, le=1)] = 0.01
     """Relative noise of the images of ``direct`` and ``unrolled`` that no camera has changed."""
-
-
-class StartShares(Strict):
-    """Where unrolled iterations start, as shares of a batch."""
-
-    flat: Share = 0.5
-    """A flat plate."""
-    perturbed: Share = 0.5
-    """The true relief, perturbed as in Tab. 3."""
-    direct: Share = 0.0
-    """The answer of a trained direct network; needs ``direct_weights``."""
-
-    @model_validator(mode="after")
-    def _not_empty(self) -> "StartShares":
-        if self.flat + self.perturbed + self.direct <= 0:
-            raise ValueError("all shares are 0, so nothing starts anywhere; raise one")
-        return self
-
-
-class UnrollingConfig(Strict):
-    """Iterations of ``unrolled`` training."""
-
-    first_steps: Annotated[int, Field(ge=1, le=100)] = 1
-    """K at the beginning."""
-    last_steps: Annotated[int, Field(ge=1, le=100)] = 4
-    """K from ``growth_share`` of the run on."""
-    growth_share: Share = 0.5
-    """Share of the run in which K grows."""
-    step_weight_growth: Annotated[Finite, Field(ge=1, le=100)] = 1.5
-    """Each step's loss weighs so much more than that of the step before."""
-    through_steps: bool = False
-    """Back-propagate through the chain of network steps (never through the simulator)."""
-    start: StartShares = StartShares()
-    direct_weights: str | None = None
-    """Weights file of the direct network, which is not trained further."""
-    photons: PhotonVariant = PhotonVariant(photons_per_pixel=1.5)
-    """Of the simulation in the loop."""
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "UnrollingConfig":
-        if self.last_steps < self.first_steps:
-            raise ValueError(f"last_steps {self.last_steps} is below first_steps {self.first_steps}; raise it")
-        if self.start.direct > 0 and self.direct_weights is None:
-            raise ValueError(f"a share of {self.start.direct:g} starts at a direct network; give direct_weights")
-        return self
 
 
 class TrainingConfig(Strict):

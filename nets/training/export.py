@@ -6,10 +6,11 @@ from typing import Any
 import torch
 from torch import nn
 
-from nets.modern import DirectNet, UnrolledUpdater, warm_start
+from nets.direct_net import DirectNet
 from nets.training.config import RunConfig
 from nets.training.keys import fresh_dataset
 from nets.training.sources import frozen_denoiser
+from nets.unrolled_net import UnrolledUpdater, warm_start
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 

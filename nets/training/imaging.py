@@ -5,8 +5,8 @@ import itertools
 
 import torch
 
-from nets.training.config import PhotonVariant
 from nets.training.keys import step_seed
+from nets.unrolling_config import PhotonVariant
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 

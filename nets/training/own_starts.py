@@ -10,9 +10,9 @@ in turn: no step is repeated, so a sample costs what any fresh one costs.
 import torch
 
 from data_gen.samples import UpdaterSampler
-from nets.glass import possible_heights
 from nets.training.config import RunConfig
 from nets.training.keys import step_generator
+from warp_caustics.data_gradient import possible_heights
 
 Batch = dict[str, torch.Tensor]
 

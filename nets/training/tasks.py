@@ -9,14 +9,14 @@ import torch
 
 from data_gen.samples import UpdaterSampler
 from nets.encoding import flat_irradiance
-from nets.glass import possible_heights
-from nets.training.augment import draw_symmetries, transformed
+from nets.symmetries import draw_symmetries, transformed
 from nets.training.camera import draw_cameras, noisy, seen
 from nets.training.clock import Stopwatch
 from nets.training.config import RunConfig
 from nets.training.keys import fresh_dataset, step_generator
 from nets.training.losses import psnr_db, relief_loss, relief_rmse_um, update_loss
 from nets.training.sources import Batch, frozen_denoiser
+from warp_caustics.data_gradient import possible_heights
 
 Model = Callable[..., Any]
 """The network as it is called in training: in its precision, on all processes."""

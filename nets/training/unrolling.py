@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 
 import torch
 
-from nets.modern import Update
 from nets.training.clock import Stopwatch
-from nets.training.config import RunConfig, UnrollingConfig
+from nets.training.config import RunConfig
 from nets.training.imaging import Imager
 from nets.training.losses import relief_loss, relief_rmse_um
 from nets.training.precision import autocast
 from nets.training.sources import Batch
 from nets.training.tasks import Common, Model, Sample, relief_measures
+from nets.unrolled_net import Update
+from nets.unrolling_config import UnrollingConfig
 from warp_caustics.errors import MismatchError
 
 

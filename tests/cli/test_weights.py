@@ -6,7 +6,7 @@ import pytest
 
 from cli.main import main
 from nets.architecture import build
-from nets.modern_config import BackboneConfig, DirectConfig
+from nets.residual_config import BackboneConfig, DirectConfig
 from nets.weights import save_weights
 from warp_caustics.scene import Scene
 

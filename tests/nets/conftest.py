@@ -1,4 +1,4 @@
-"""What tests of networks share: members of the family, tiny ones of the modern networks, and inputs."""
+"""What tests of networks share: members of the family, tiny ones of the residual networks, and inputs."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from torch import nn
 
 from nets.config import RANGES, Choice, NetworkConfig
 from nets.family_config import DenoiserConfig, UpdaterConfig
-from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
+from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=16, image_pixels=64)

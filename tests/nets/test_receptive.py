@@ -8,10 +8,11 @@ from torch import nn
 
 from nets.architecture import PRESETS
 from nets.denoiser import Denoiser
+from nets.direct_net import DirectNet
 from nets.family_config import DenoiserConfig, UpdaterConfig
-from nets.modern import DirectNet, UnrolledUpdater
-from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.receptive import receptive_field
+from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
+from nets.unrolled_net import UnrolledUpdater
 from nets.updater import Updater
 from tests.nets.conftest import inputs, members, positive
 from warp_caustics.scene import Scene
@@ -60,7 +61,7 @@ def test_updater(network, ratio):
 
 
 @pytest.mark.parametrize("depths", [(1,), (1, 1), (2, 1), (1, 1, 1)])
-def test_modern(depths):
+def test_residual(depths):
     """Without normalisation and attention, which see the whole plate."""
     backbone = BackboneConfig(widths=(2,) * len(depths), depths=depths)
     scene = Scene(height_samples=96, image_pixels=192)

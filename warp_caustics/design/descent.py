@@ -1,6 +1,6 @@
 """From the start to the picture: descent on the exact model, coarse to fine in the image.
 
-The same parts as ``reconstruct/refine.py``: pixels binned level by level so that early gradients see far, and
+The same parts as ``refine``: pixels binned level by level so that early gradients see far, and
 L-BFGS in the curvature metric. Here the metric knows the way below the plate, the mean height is free, and heights
 keep their limit at every step (``limits.py``). Nothing is random.
 """
@@ -11,12 +11,13 @@ import numpy as np
 import scipy.optimize
 import torch
 
+from warp_caustics.data_gradient import data_gradient
 from warp_caustics.design.limits import MARGIN, bounded
 from warp_caustics.design.options import DesignOptions
 from warp_caustics.design.smoothness import bending_energy, focusing_strength_m
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
-from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at
+from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, usual_pixels
 from warp_caustics.reconstruct.refine.metric import CurvatureMetric
 from warp_caustics.reconstruct.transport.ray_inversion import LightPath
 from warp_caustics.scene import Scene
@@ -39,11 +40,7 @@ ANY_WAVELENGTH_M = 530e-9
 
 def design_levels(scene: Scene, options: DesignOptions) -> list[int]:
     """Image sizes of the descent, coarse to fine."""
-    finest = options.finest_pixels
-    if finest is None:
-        finest = scene.image_pixels
-        while finest > 2 * scene.height_samples and finest % 2 == 0:
-            finest //= 2
+    finest = options.finest_pixels or usual_pixels(scene)
     return level_sizes(scene.image_pixels, min(options.coarsest_pixels, finest), finest)
 
 
@@ -137,16 +134,19 @@ class Descent:
         self, simulator: CausticSimulator, measurement: Measurement, smoothness: float, free: FloatArray
     ) -> tuple[float, float, FloatArray]:
         """Objective, relative residual, and the objective's gradient at free heights."""
+
+        def objective(image: torch.Tensor, heights: torch.Tensor) -> torch.Tensor:
+            bending = bending_energy(heights, self.scene.sample_pitch_m, self.strength_m)
+            return measurement.data_term(image, "l2") + smoothness * bending
+
+        def all_colours(image: torch.Tensor) -> torch.Tensor:
+            return image.mean(dim=0, keepdim=True)
+
         leaf = torch.tensor(free, device=self.device, requires_grad=True)
         heights = bounded(leaf, self.options.max_height_m)
-        image = simulator(heights.float()).mean(dim=0, keepdim=True)
-        objective = measurement.data_term(image, "l2", 0.0)
-        bending = bending_energy(heights, self.scene.sample_pitch_m, self.strength_m)
-        objective = objective + smoothness * bending
-        objective.backward()
-        assert leaf.grad is not None
-        residual = measurement.relative_residual(image.detach())
-        return float(objective.detach()), residual, leaf.grad.cpu().numpy()
+        found = data_gradient(simulator, heights, objective, all_colours)
+        (gradient,) = torch.autograd.grad(heights, leaf, found.gradient)
+        return float(found.value), measurement.relative_residual(found.image), gradient.cpu().numpy()
 
 
 def level_smoothness(last: float, levels: int) -> list[float]:

@@ -7,6 +7,7 @@ in the model.
 
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from warp_caustics.design.start import carry_even_light, relief_of, start_cells
 from warp_caustics.energy import energy_budget
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import ProgressCallback, StopReason
-from warp_caustics.reconstruct.transport.transport import StepLog
+from warp_caustics.reconstruct.run_log import RunLog, why_stopped
+from warp_caustics.reconstruct.transport.transport import note_step, why_carried
 from warp_caustics.reconstruct.transport.transport_map import most_steps
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
@@ -103,20 +105,21 @@ class Designer:
         cells = start_cells(self.scene, options.start_cells)
         levels = len(design_levels(self.scene, options))
         total = most_steps(cells, options.start_steps) + levels * options.max_iterations
-        log = StepLog(total, progress, options.max_time_s)
-        transport = carry_even_light(target, cells, self.device, options.start_steps, log.note)
+        log = RunLog(total, progress, options.max_time_s)
+        note = partial(note_step, log)
+        transport = carry_even_light(target, cells, self.device, options.start_steps, note)
         distance_m = options.screen_distance_m or least_distance(transport, self.scene, options.max_height_m)
         scene = at_distance(self.scene, distance_m)
         start, limited = relief_of(transport, scene)
-        timings = {"transport": time.perf_counter() - log.started}
-        descent = Descent(target, start, scene, options, self.device, log.note)
-        reason: StopReason = log.reason(transport)
-        if not transport.interrupted:
+        timings = {"transport": log.elapsed_s}
+        descent = Descent(target, start, scene, options, self.device, note)
+        reason: StopReason = why_carried(transport)
+        if transport.stop is None:
             try:
                 reason = "converged" if descent.run() else "max_iterations"
-            except KeyboardInterrupt:
-                reason = "max_time" if log.time_is_up else "interrupted"
-        timings["descent"] = time.perf_counter() - log.started - timings["transport"]
+            except KeyboardInterrupt as stop:
+                reason = why_stopped(stop)
+        timings["descent"] = log.elapsed_s - timings["transport"]
         counters = {
             "transport_steps": transport.steps,
             "transport_mass_error": transport.mass_error,
@@ -133,7 +136,7 @@ class Designer:
         scene: Scene,
         heights: FloatArray,
         reason: StopReason,
-        log: StepLog,
+        log: RunLog,
         timings: dict[str, float],
         counters: dict[str, Any],
     ) -> Design:

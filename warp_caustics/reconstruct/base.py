@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from warp_caustics.types import FloatArray
 
-DEEPEST_FRACTION = 0.9
-"""Of the plate's thickness is what a trench may be deep: a relief must leave some glass."""
-
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
 
 
@@ -24,8 +21,8 @@ class CausticImage:
         irradiance: [W/m^2], shape [n_w, m, m].
         noise_std: standard deviation of the noise where the irradiance is about 1, per
             wavelength [W/m^2], shape [n_w]; None if unknown.
-        mask: False where a pixel must be ignored (saturated, dead), shape [n_w, m, m];
-            None if all pixels count.
+        mask: False where a pixel must be ignored (saturated, dead), shape [n_w, m, m]; what it holds, no number even,
+            does not matter (but a network is shown one that is brighter than its neighbours). None if all pixels count.
     """
 
     irradiance: FloatArray

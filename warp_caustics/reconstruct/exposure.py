@@ -15,20 +15,20 @@ from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.types import FloatArray
 
-NOTICED = 2e-4
+LEAST_EXPOSURE_ERROR = 2e-4
 """Smaller deviations are left alone: 18 own fields show up to 1.7e-4 by reliefs that networks found."""
 
-AGREED = 0.02
+MOST_LIGHT_LOST = 0.02
 """Printed plates of Tab. 3 lose less light than this beside the screen: up to 1 % of it in 18 own fields."""
 
-MASKED = 2e-4
+MOST_MASKED = 2e-4
 """With a larger share of pixels that do not count nothing is told: saturated ones hold the light of caustic lines, and
 one pixel in a hundred may hold a tenth of all light."""
 
-TOLD = 0.01
+WARNED_EXPOSURE_ERROR = 0.01
 """Larger ones are worth a warning."""
 
-PLAUSIBLE = 4.0
+MOST_LIGHT_RATIO = 4.0
 """Ratios beyond this, or below its inverse, are no exposure but another unit, and left to be seen in the residual."""
 
 
@@ -45,12 +45,12 @@ def light_ratio(measurement: Measurement, simulated: torch.Tensor | None = None)
     weight = measurement.weight[inside].double()
     seen = (measurement.irradiance[inside] * weight).sum(dim=(1, 2))
     expected = weight.sum(dim=(1, 2)) if simulated is None else (simulated[inside] * weight).sum(dim=(1, 2))
-    is_told = (seen > 0) & (expected > 0) & (weight.mean(dim=(1, 2)) >= 1 - MASKED)
+    is_told = (seen > 0) & (expected > 0) & (weight.mean(dim=(1, 2)) >= 1 - MOST_MASKED)
     ratio = torch.where(is_told, seen / torch.where(is_told, expected, 1.0), 1.0)
     return np.asarray(ratio.tolist())
 
 
-def agreed(by_relief: FloatArray, by_flat: FloatArray) -> FloatArray:
+def agreed_ratio(by_relief: FloatArray, by_flat: FloatArray) -> FloatArray:
     """Light ratio of each wavelength that a relief and a flat plate tell alike.
 
     The relief's where they agree to 2 %, for it knows what light is lost. Where they do not, the relief is wrong or
@@ -59,12 +59,12 @@ def agreed(by_relief: FloatArray, by_flat: FloatArray) -> FloatArray:
     more = np.maximum(np.minimum(by_relief, by_flat), 1.0)
     less = np.minimum(np.maximum(by_relief, by_flat), 1.0)
     common = np.where(more > 1, more, less)
-    return np.where(np.abs(by_relief / by_flat - 1) < AGREED, by_relief, common)
+    return np.where(np.abs(by_relief / by_flat - 1) < MOST_LIGHT_LOST, by_relief, common)
 
 
-def is_exposure(ratio: FloatArray, noticed: float = NOTICED) -> bool:
+def is_exposure(ratio: FloatArray, noticed: float = LEAST_EXPOSURE_ERROR) -> bool:
     """Whether light ratios are to be divided out: noticeable, and no other unit."""
-    is_plausible = ratio.min() > 1 / PLAUSIBLE and ratio.max() < PLAUSIBLE
+    is_plausible = ratio.min() > 1 / MOST_LIGHT_RATIO and ratio.max() < MOST_LIGHT_RATIO
     return bool(is_plausible and np.abs(ratio - 1).max() > noticed)
 
 
@@ -74,7 +74,18 @@ def at_nominal(image: CausticImage, ratio: FloatArray) -> CausticImage:
     return dataclasses.replace(image, irradiance=image.irradiance / ratio[:, None, None], noise_std=noise)
 
 
-def warning(ratio: FloatArray, least: float = TOLD) -> str | None:
+def untreated_warning(ratio: FloatArray, method: str, least: float = MOST_LIGHT_LOST) -> str | None:
+    """What the user should know of an exposure that a method takes for the relief's doing; None up to ``least``."""
+    if np.abs(ratio - 1).max() <= least:
+        return None
+    shares = ", ".join(f"{value:.2%}" for value in ratio)
+    return (
+        f"the image has {shares} of the light that this scene gives, which {method} explains by the relief (limit "
+        f"{least:.0%}); check exposure and flat frame, or try --method refine"
+    )
+
+
+def exposure_warning(ratio: FloatArray, least: float = WARNED_EXPOSURE_ERROR) -> str | None:
     """What the user should know of an exposure that was divided out; None for one below ``least``."""
     if np.abs(ratio - 1).max() <= least:
         return None

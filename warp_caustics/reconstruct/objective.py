@@ -3,12 +3,13 @@
 All terms are means, so that their weights hold at every pyramid level.
 """
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 
-DataTerm = Literal["charbonnier", "l2", "sqrt"]
+DataTerm = Literal["charbonnier", "l2", "sqrt", "l1"]
 
 SQRT_OFFSET = 0.05
 """Irradiance added under the root, relative to the radiosity: bounds the slope in the dark."""
@@ -18,6 +19,31 @@ HEIGHT_SCALE_M = 1e-5
 
 SLOPE_SCALE = 1e-2
 """Slopes below this count quadratically in the total variation [1]."""
+
+
+class Evaluation(NamedTuple):
+    """What was found at one relief."""
+
+    objective: float
+    residual: float
+    """Relative."""
+    noise: float | None
+    """Discrepancy in units of the noise; None if that is unknown."""
+
+    @classmethod
+    def read(cls, values: list[float]) -> "Evaluation":
+        """From the numbers of :class:`EvaluationTensors`."""
+        objective, residual, noise = values
+        return cls(objective, residual, None if math.isnan(noise) else noise)
+
+
+class EvaluationTensors(NamedTuple):
+    """The same on the device, with the gradient."""
+
+    values: torch.Tensor
+    """Objective, residual, discrepancy (not a number if the noise is unknown), shape [3], float64."""
+    gradient: torch.Tensor
+    """Of the objective [1/m], shape [n, n], float64."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +60,12 @@ class Measurement:
     weight: torch.Tensor
     noise: torch.Tensor | None
 
-    def data_term(self, image: torch.Tensor, kind: DataTerm, width: float) -> torch.Tensor:
+    def data_term(self, image: torch.Tensor, kind: DataTerm, width: float = 0.0) -> torch.Tensor:
         """Mean misfit of an image; in float64, since float32 sums stall a line search.
 
-        charbonnier: sqrt(r^2 + width^2) - width, grows linearly, so that bright caustic lines which do not
-        overlap yet do not outweigh all the rest. l2: r^2 / 2. sqrt: l2 of the roots, which makes shot noise uniform.
+        With r = image - measured in units of the radiosity: charbonnier, sqrt(r^2 + width^2) - width (Charbonnier et
+        al. 1994), grows linearly, so that bright caustic lines which do not overlap yet do not outweigh all the rest;
+        l2, r^2 / 2; l1, |r|; sqrt, l2 of twice the roots, which makes shot noise uniform (Anscombe 1948).
         """
         if kind == "sqrt":
             dark = SQRT_OFFSET
@@ -46,7 +73,10 @@ class Measurement:
         else:
             residual = image - self.irradiance
         residual = residual.double()
-        loss = (residual**2 + width**2).sqrt() - width if kind == "charbonnier" else residual**2 / 2
+        if kind == "charbonnier":
+            loss = (residual**2 + width**2).sqrt() - width
+        else:
+            loss = residual.abs() if kind == "l1" else residual**2 / 2
         return (loss * self.weight).sum() / self.weight.sum()
 
     def relative_residual(self, image: torch.Tensor) -> float:
@@ -71,7 +101,10 @@ class Measurement:
 
 
 def total_variation(heights: torch.Tensor, pitch_m: tuple[float, float]) -> torch.Tensor:
-    """Mean smoothed slope magnitude [1] of heights [n, n] [m]: favours flat plate between the lines."""
+    """Mean smoothed slope magnitude [1] of heights [n, n] [m]: favours flat plate between the lines.
+
+    sqrt(|grad h|^2 + s^2) - s (Rudin, Osher and Fatemi 1992, smoothed as by Acar and Vogel 1994), s = 0.01.
+    """
     slope_x = heights.diff(dim=1)[:-1] / pitch_m[0]
     slope_y = heights.diff(dim=0)[:, :-1] / pitch_m[1]
     return ((slope_x**2 + slope_y**2 + SLOPE_SCALE**2).sqrt() - SLOPE_SCALE).mean()

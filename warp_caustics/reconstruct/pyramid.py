@@ -4,6 +4,8 @@ Pixels are means over squares, so a coarse pixel is exactly the mean of its
 fine pixels, and the same scene simulated with fewer pixels must reproduce it.
 """
 
+import dataclasses
+
 import numpy as np
 import torch
 
@@ -18,12 +20,15 @@ DARK_FLOOR = 0.05
 """Noise is taken to grow as the root of the irradiance (shot noise), from this irradiance on."""
 
 
-def check_image(image: CausticImage, scene: Scene) -> None:
+def check_image(image: CausticImage, scene: Scene) -> CausticImage:
     """Refuse an image that does not belong to the scene.
 
+    Returns:
+        The image as methods take it: masked pixels that hold no number are dark.
+
     Raises:
-        MismatchError: wrong number of wavelengths or pixels.
-        InputError: values that are not finite, or no light at all.
+        MismatchError: wrong number of wavelengths or pixels, or a mask of another shape.
+        InputError: values that count and are not finite, no light at all, or no pixel that counts.
     """
     expected = (scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
     if image.irradiance.shape != expected:
@@ -31,10 +36,24 @@ def check_image(image: CausticImage, scene: Scene) -> None:
             f"image has shape {list(image.irradiance.shape)}, the scene {list(expected)}; "
             "crop or resample it, or set scene.image_pixels and scene.wavelengths_m"
         )
-    if not np.isfinite(image.irradiance).all():
-        raise InputError("image has pixels that are not finite; mask or repair them")
-    if image.irradiance.mean() <= 0:
-        raise InputError(f"image has mean {image.irradiance.mean():g} W/m^2, nothing to see; check the dark frame")
+    mask = None if image.mask is None else np.asarray(image.mask, dtype=bool)
+    if mask is not None and mask.shape != expected:
+        raise MismatchError(
+            f"mask has shape {list(mask.shape)}, the image {list(expected)}; give one value per pixel and wavelength"
+        )
+    if mask is not None and not mask.any():
+        raise InputError("all pixels are masked, none is left to reconstruct from; check saturation and mask")
+    is_finite = np.isfinite(image.irradiance)
+    is_counted = np.ones(expected, bool) if mask is None else mask
+    if not is_finite[is_counted].all():
+        count = int((~is_finite[is_counted]).sum())
+        raise InputError(f"image has {count} pixels that are not finite, 0 may be; mask or repair them")
+    mean = float(image.irradiance[is_counted].mean())
+    if mean <= 0:
+        raise InputError(f"image has mean {mean:g} W/m^2, above 0 it must be: nothing to see; check the dark frame")
+    if is_finite.all() and (mask is None or mask is image.mask):
+        return image
+    return dataclasses.replace(image, irradiance=np.where(is_finite, image.irradiance, 0), mask=mask)
 
 
 def check_initial(initial: FloatArray, scene: Scene) -> None:
@@ -102,10 +121,22 @@ def simulator_at(
         device: where to simulate.
         photons_per_pixel: of the lattice; the preset's if None.
     """
-    ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
-    scene_at = scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
     photons = None if photons_per_pixel is None else photons_per_pixel * pixels**2
-    return CausticSimulator(scene_at, "lattice", n_photons=photons, device=device)
+    return CausticSimulator(in_units_of_radiosity(scene, pixels), "lattice", n_photons=photons, device=device)
+
+
+def in_units_of_radiosity(scene: Scene, pixels: int) -> Scene:
+    """The scene with so many pixels, and radiosity 1 wherever light shines."""
+    ones = tuple(float(radiosity > 0) for radiosity in scene.radiosity_W_m2)
+    return scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
+
+
+def usual_pixels(scene: Scene) -> int:
+    """Image size that saves time and loses little: halved while more than twice the height samples."""
+    pixels, most = scene.image_pixels, 2 * scene.height_samples
+    while pixels > most and pixels % 2 == 0:
+        pixels //= 2
+    return pixels
 
 
 def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:

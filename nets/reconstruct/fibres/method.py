@@ -18,23 +18,23 @@ from pydantic import Field
 
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.explained import Discrepancy, is_explained
-from nets.reconstruct.fibres.image_fit import TimeUp
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
-from nets.reconstruct.polish import Polish, outcome
-from nets.reconstruct.record import Resimulation, as_glass, finished
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.network_io import network_result
+from nets.reconstruct.refinement import Refinement, outcome
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
-    Progress,
     ProgressCallback,
     Reconstruction,
     Reconstructor,
     StopReason,
 )
+from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -71,7 +71,7 @@ class Fibres(Reconstructor):
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
         self.options = self.options.on(self.device.type)
-        self.polish = Polish(scene, plain, self.device)
+        self.refinement = Refinement(scene, plain, self.device)
         self.model = LineModel(scene, self.options.profile, self.device)
 
     def reconstruct(
@@ -111,23 +111,23 @@ class _Run:
         # Lines are looked for in channels that lie together; blur is in the model where reliefs are refined and judged.
         self.resimulation = Resimulation(method.network.simulator, image, exposure).through(camera)
         self.image = self.resimulation.image
-        self.started, self.progress = started, progress
-        self.history: list[dict[str, Any]] = list(answer.history)
-        self.reason: StopReason = "converged"
-        self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.iterations = method.options.max_iterations or ITERATIONS
+        total = (method.options.jumps + 2) * self.iterations
+        self.log = RunLog(total, progress, method.options.max_time_s, started=started, history=list(answer.history))
+        self.reason: StopReason = "converged"
+        self.refined = 0
+        """Steps of refinements, which are not in the history."""
+        self.lines = torch.zeros(0, 6, dtype=torch.float64)
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
         method, answer = self.method, self.answer
-        timings = {"network": time.perf_counter() - self.started}
+        timings = {"network": self.log.elapsed_s}
         try:
             self._fit()
-        except KeyboardInterrupt:
-            self.reason = "interrupted"
-        except TimeUp:
-            self.reason = "max_time"
-        timings["fibres"] = time.perf_counter() - self.started - sum(timings.values())
+        except KeyboardInterrupt as stop:
+            self.reason = why_stopped(stop)
+        timings["fibres"] = self.log.elapsed_s - sum(timings.values())
         heights, fibres = answer.heights_m, None
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
         counters["camera"] = self.resimulation.camera.record
@@ -152,7 +152,7 @@ class _Run:
                 )
             if best is candidates[0]:
                 fibres, counters["explained_by"] = None, "network"
-            timings["refinement"] = time.perf_counter() - self.started - sum(timings.values())
+            timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["discrepancy"] = left = self.discrepancy(heights)
         warnings = list(answer.warnings)
         if left is not None and not is_explained(left):
@@ -160,12 +160,12 @@ class _Run:
                 f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
                 "which the difference of the images shows"
             )
-        result = finished(
+        result = network_result(
             method.name,
             self.resimulation,
             heights,
             reason=self.reason,
-            history=self.history,
+            history=self.log.history,
             timings=timings,
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
@@ -179,7 +179,7 @@ class _Run:
         network = self.answer.uncertainty_m
         if network is None or not is_noise_left:
             return network
-        return design_uncertainty(SPREADS / DIRECT.scale * network, EXPLAINED_LINES)
+        return design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * network, EXPLAINED_LINES)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -195,7 +195,7 @@ class _Run:
         heights = torch.as_tensor(self.answer.heights_m)
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
-            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT.scale
+            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
         pixels = method.options.pixels_on(method.device.type, scene)
         most = method.options.most_lines
         start = lines_of_relief(method.model, heights, spread, most=most)
@@ -217,22 +217,22 @@ class _Run:
             self.lines = search.lines
 
     def _note(self, loss: float) -> None:
-        elapsed = time.perf_counter() - self.started
-        number = len(self.history) + 1
-        entry = {"stage": "fibres", "iteration": number, "residual": None, "objective": loss, "elapsed_s": elapsed}
-        self.history.append(entry)
-        if self.progress is not None:
-            total = (self.method.options.jumps + 2) * self.iterations
-            self.progress(Progress("fibres", number, max(total, number), float("nan"), elapsed))
-        limit = self.method.options.max_time_s
-        if limit is not None and elapsed > limit:
-            raise TimeUp
+        self.log.note("fibres", None, objective=loss)
 
     def _refined(self, heights: FloatArray) -> "_Refined":
         """A relief after the steps that ``direct`` ends with."""
-        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT.scale
-        elapsed = time.perf_counter() - self.started
-        found = self.method.polish(self.resimulation, heights, elapsed, self.progress, spread)
+        if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
+            return _Refined(heights, self.resimulation(heights).residual, "interrupted")
+        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
+        elapsed = self.log.elapsed_s
+        before = len(self.log.history) + self.refined
+        progress = following(self.log.progress, before, self.log.started, "refinement, ")
+        found = self.method.refinement(self.resimulation, heights, elapsed, progress, spread)
+        self.refined += 0 if found is None else len(found.history)
+        if found is None:
+            self.reason = "max_time"
+        elif found.reason in ("interrupted", "max_time"):
+            self.reason = found.reason
         better = heights if found is None else found.heights
         return _Refined(better, self.resimulation(better).residual, outcome(found))
 

@@ -10,7 +10,7 @@ from nets.inspection.from_design import DesignOptions, FromDesign, as_rows, limi
 from nets.inspection.selection import MisfitMap, better_parts, parts
 from nets.reconstruct.fibres.explained import EXPLAINED, Discrepancy, is_explained
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.vectorise.model import Limits, LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -93,7 +93,7 @@ class Free:
         self.answer, self.spread = answer, spread
 
     def reconstruct(self, image, *, initial=None, progress=None):
-        sigma = DIRECT.scale / SPREADS * self.spread
+        sigma = DIRECT_CALIBRATION.scale / SPREADS * self.spread
         return Reconstruction("direct", self.answer, image.irradiance, 0.1, "converged", uncertainty_m=sigma)
 
 

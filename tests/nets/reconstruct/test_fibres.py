@@ -5,11 +5,11 @@ import pytest
 import torch
 
 import nets.reconstruct.direct as direct_module
-from nets.reconstruct.direct import BATCH
+from nets.reconstruct.direct import SYMMETRIES_AT_ONCE
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
-from nets.reconstruct.symmetries import all_symmetries, seen_in
+from nets.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
 from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -164,7 +164,7 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(model, image, mo
     truth = 1e-3 * model.heights(LINES)
     generator = torch.Generator().manual_seed(3)
     wrong = 2e-5 * torch.randn(8, N, N, generator=generator) * (truth > 1e-5)
-    copies = iter((seen_in(truth, all_symmetries(SCENE)) + wrong).split(BATCH["cpu"]))
+    copies = iter((seen_in(truth, all_symmetries(SCENE)) + wrong).split(SYMMETRIES_AT_ONCE["cpu"]))
     monkeypatch.setattr(direct_module, "Replayed", lambda module: lambda images: next(copies))
     result = create("fibres", SCENE, weights=saved("direct", scene=SCENE), refine_pixels=2 * N).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters

@@ -7,7 +7,7 @@ import torch
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from nets.reconstruct.methods import create
-from nets.reconstruct.uncertainty import DIRECT
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.shipped import shipped_weights
 from nets.weights import load_weights
 from warp_caustics.reconstruct.base import CausticImage
@@ -25,8 +25,10 @@ def test_files_are_sound_and_small():
 
 
 def test_calibration_was_measured():
-    assert DIRECT.fields >= 16 and 0.5 < DIRECT.scale < 2
-    assert DIRECT.within_one == pytest.approx(0.683, abs=0.02) and 0.88 < DIRECT.within_two < 0.98
+    assert DIRECT_CALIBRATION.fields >= 16 and 0.5 < DIRECT_CALIBRATION.scale < 2
+    assert (
+        DIRECT_CALIBRATION.within_one == pytest.approx(0.683, abs=0.02) and 0.88 < DIRECT_CALIBRATION.within_two < 0.98
+    )
 
 
 @pytest.fixture(scope="module")

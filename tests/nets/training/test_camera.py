@@ -7,9 +7,10 @@ import torch
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from nets.training.camera import Camera, draw_cameras, noisy, seen, uneven_light
-from nets.training.config import CameraConfig, PhotonVariant
+from nets.training.config import CameraConfig
 from nets.training.imaging import Imager
 from nets.training.keys import step_generator
+from nets.unrolling_config import PhotonVariant
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=16, image_pixels=64)

@@ -6,9 +6,8 @@ import time
 import pytest
 import torch
 
-from nets.training.augment import transformed
+from nets.symmetries import transformed
 from nets.training.clock import Stopwatch
-from nets.training.config import UnrollingConfig
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
 from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
 from nets.training.pictures import write_sample
@@ -16,6 +15,7 @@ from nets.training.record import read_metrics
 from nets.training.sources import FreshSource
 from nets.training.tasks import Sample, make_task
 from nets.training.unrolling import UnrolledTask, unrolled_steps
+from nets.unrolling_config import UnrollingConfig
 from nets.weights import load_weights
 from warp_caustics.errors import InputError, MismatchError
 
@@ -177,7 +177,7 @@ def test_steps_are_cut_off_from_each_other_unless_asked(tiny_run, through):
     first = torch.zeros(4, 16, 16, requires_grad=True)
 
     def model(target, simulated, heights, gradient, hidden, number):
-        from nets.modern import Update
+        from nets.unrolled_net import Update
 
         return Update(heights + first, None) if number == 0 else Update(2 * heights, None)
 

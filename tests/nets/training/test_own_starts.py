@@ -5,9 +5,9 @@ import csv
 import pytest
 import torch
 
-from nets.glass import HIGHEST_M, possible_heights
 from nets.training.sources import make_source
 from nets.weights import weights_info
+from warp_caustics.data_gradient import HIGHEST_RELIEF_M, possible_heights
 
 CPU = torch.device("cpu")
 
@@ -73,7 +73,7 @@ def test_only_what_can_be_simulated_is_a_start(tiny_run):
     scene = tiny_run("updater").scene
     wild = torch.tensor([float("nan"), float("inf"), -float("inf"), -1.0, 1.0, 1e-4])
     found = possible_heights(wild, scene)
-    assert found.isfinite().all() and float(found.max()) == pytest.approx(HIGHEST_M)
+    assert found.isfinite().all() and float(found.max()) == pytest.approx(HIGHEST_RELIEF_M)
     assert float(found.min()) == pytest.approx(-0.9 * scene.base_thickness_m)
     assert float(found[-1]) == pytest.approx(1e-4)
 

@@ -6,7 +6,7 @@ import torch
 
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.exposure import agreed, at_nominal, is_exposure, light_ratio, warning
+from warp_caustics.reconstruct.exposure import agreed_ratio, at_nominal, exposure_warning, is_exposure, light_ratio
 from warp_caustics.reconstruct.pyramid import measurement_at
 
 SCENE = Scene(height_samples=32, image_pixels=64, radiosity_W_m2=(1.0, 2.0, 0.5))
@@ -96,7 +96,7 @@ def test_nominal_image():
     ],
 )
 def test_only_what_both_say_is_believed(by_relief, by_flat, expected):
-    assert agreed(np.array([by_relief]), np.array([by_flat])) == pytest.approx([expected])
+    assert agreed_ratio(np.array([by_relief]), np.array([by_flat])) == pytest.approx([expected])
 
 
 def test_what_is_no_exposure():
@@ -104,5 +104,5 @@ def test_what_is_no_exposure():
     assert is_exposure(np.array([1.0, 1.0003, 1.0]))
     assert not is_exposure(np.array([1.03, 0.97, 1.0]), 0.05)
     assert not is_exposure(np.array([200.0, 180.0, 190.0]))
-    assert warning(np.array([1.0, 1.005, 1.0])) is None
-    assert "94.00%, 100.00%, 95.00%" in warning(np.array([0.94, 1.0, 0.95]))
+    assert exposure_warning(np.array([1.0, 1.005, 1.0])) is None
+    assert "94.00%, 100.00%, 95.00%" in exposure_warning(np.array([0.94, 1.0, 0.95]))

@@ -1,4 +1,7 @@
-"""L-BFGS in the curvature metric: weak caustics from a flat start, see ``metric.py``."""
+"""L-BFGS in the curvature metric: weak caustics from a flat start, see ``metric.py``.
+
+Liu and Nocedal 1989; SciPy runs the form with bounds (Byrd et al. 1995), which are not used.
+"""
 
 from collections.abc import Callable
 
@@ -6,10 +9,12 @@ import numpy as np
 import scipy.optimize
 import torch
 
-from warp_caustics.reconstruct.base import DEEPEST_FRACTION, StopReason
+from warp_caustics.data_gradient import lowest_height_m
+from warp_caustics.reconstruct.base import StopReason
+from warp_caustics.reconstruct.objective import Evaluation
 from warp_caustics.reconstruct.refine.metric import CurvatureMetric
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -39,7 +44,7 @@ class CurvatureDescent:
         note: Callable[[Evaluation], None],
     ):
         self.objective, self.options, self.note = objective, options, note
-        self.lowest = -DEEPEST_FRACTION * scene.base_thickness_m
+        self.lowest = lowest_height_m(scene)
         index = float(np.mean(scene.glass_indices))
         strength_m = (1 - 1 / index) * scene.base_thickness_m
         self.metric = CurvatureMetric(scene.height_samples, scene.plate_size_m, strength_m)

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 
 from warp_caustics.cuda_graph import recorded
+from warp_caustics.data_gradient import lowest_height_m
 from warp_caustics.engine import MAX_GRAPH_PHOTONS
-from warp_caustics.reconstruct.base import DEEPEST_FRACTION
-from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.objective import Evaluation, Measurement
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
 from warp_caustics.reconstruct.refine.wavelengths_in_turn import WavelengthsInTurn, single_wavelengths
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -32,7 +32,7 @@ BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 
 
 class HeightDescent:
-    """Adam with a step that falls to a twentieth along a cosine.
+    """Adam (Kingma and Ba 2015) with a step that falls to a twentieth along a cosine (Loshchilov and Hutter 2017).
 
     Args:
         simulator: in units of the radiosity, at the pixels that count.
@@ -45,7 +45,7 @@ class HeightDescent:
         assert options.step_m is not None
         self.simulator, self.options = simulator, options
         self.steps, device, n = options.max_iterations, simulator.device, simulator.scene.height_samples
-        self.lowest = -DEEPEST_FRACTION * simulator.scene.base_thickness_m
+        self.lowest = lowest_height_m(simulator.scene)
 
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(shape, dtype=torch.float64, device=device)

@@ -2,7 +2,8 @@
 
 For small slopes the image depends on the heights through their curvature,
 E - 1 = (1 - 1/n) d Laplacian(h), so height modes of long wavelength hardly change
-it. The ``curvature`` metric steps in Laplacian(h) instead of h: all modes then
+it. The ``curvature`` metric steps in Laplacian(h) instead of h (a Sobolev
+gradient, Neuberger 1997): all modes then
 converge alike, in a few dozen L-BFGS steps from a flat start. Where the light
 paths cross (folds) that very freedom leads astray, and small local steps, the
 ``height`` metric, keep to the given start.

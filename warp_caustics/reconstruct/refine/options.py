@@ -4,10 +4,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from warp_caustics.reconstruct.objective import DataTerm
+from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.scene import Scene
 from warp_caustics.strict import Strict
 
+RefineDataTerm = Literal["charbonnier", "l2", "sqrt"]
 Metric = Literal["auto", "curvature", "height"]
 Exposure = Literal["divide", "trust"]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -18,7 +19,7 @@ class RefineOptions(Strict):
 
     metric: Metric = "auto"
     """auto: height where a start is given or the caustic has folds, else curvature."""
-    data_term: DataTerm = "charbonnier"
+    data_term: RefineDataTerm = "charbonnier"
     charbonnier_width: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 0.05
     """Residual, relative to the radiosity, from which on the data term grows linearly."""
     total_variation: NonNegative | None = None
@@ -62,9 +63,6 @@ class RefineOptions(Strict):
             defaults |= {"coarsest_pixels": max(2, n // 2), "max_iterations": 60}
         elif is_flat:
             defaults |= {"total_variation": 0.1, "nonnegativity": 0.1, "coarsest_pixels": n, "step_m": 1e-5}
-        finest = scene.image_pixels
-        while device_type == "cpu" and finest > 2 * n and finest % 2 == 0:
-            finest //= 2
-        defaults["finest_pixels"] = finest
+        defaults["finest_pixels"] = usual_pixels(scene) if device_type == "cpu" else scene.image_pixels
         known = {key: value for key, value in self.model_dump().items() if value is not None}
         return RefineOptions(**(defaults | known | {"metric": metric}))

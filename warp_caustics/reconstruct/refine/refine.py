@@ -10,24 +10,31 @@ reliefs, and for strong ones that start near the truth: the nominal design, or
 the result of another method.
 """
 
-import time
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import torch
 
-from warp_caustics.energy import energy_budget
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
-from warp_caustics.reconstruct.exposure import AGREED, NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
+from warp_caustics.reconstruct.exposure import (
+    LEAST_EXPOSURE_ERROR,
+    MOST_LIGHT_LOST,
+    agreed_ratio,
+    at_nominal,
+    exposure_warning,
+    is_exposure,
+    light_ratio,
+)
 from warp_caustics.reconstruct.folds import has_folds
-from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.objective import Evaluation, Measurement
 from warp_caustics.reconstruct.pyramid import check_image, check_initial, level_sizes, measurement_at, simulator_at
 from warp_caustics.reconstruct.refine.curvature_descent import CurvatureDescent, anchored
-from warp_caustics.reconstruct.refine.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.refine.height_descent import HeightDescent
 from warp_caustics.reconstruct.refine.options import Metric, RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
+from warp_caustics.reconstruct.result import Resimulation, make_result
+from warp_caustics.reconstruct.run_log import RunLog, note_evaluation, why_stopped
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
@@ -62,7 +69,7 @@ class Refine(Reconstructor):
 
         Ctrl-C (KeyboardInterrupt) ends it with the best relief so far.
         """
-        check_image(image, self.scene)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
         n = self.scene.height_samples
@@ -74,19 +81,18 @@ class Refine(Reconstructor):
         assert options.coarsest_pixels is not None
         coarsest = min(options.coarsest_pixels, options.finest_pixels)
         sizes = level_sizes(self.scene.image_pixels, coarsest, options.finest_pixels)
-        record = DescentRecord(options.max_iterations * len(sizes), progress, options.discrepancy, options.max_time_s)
+        log = RunLog(options.max_iterations * len(sizes), progress, options.max_time_s, options.discrepancy)
         exposure = self._exposure(image, None if is_flat else heights, options)
-        if exposure is not None:
-            image = at_nominal(image, exposure)
+        nominal = image if exposure is None else at_nominal(image, exposure)
         reason: StopReason = "max_iterations"
         for k, size in enumerate(sizes):
             stage = f"level {k + 1} of {len(sizes)}, {size} x {size} pixels"
             descend = self._descend_curvature if options.metric == "curvature" else self._descend_heights
-            measurement = measurement_at(image, self.scene, size, self.device, options.border_pixels)
-            heights, reason = descend(measurement, size, heights, options, partial(record.note, stage))
+            measurement = measurement_at(nominal, self.scene, size, self.device, options.border_pixels)
+            heights, reason = descend(measurement, size, heights, options, partial(note_evaluation, log, stage))
             if reason in ("max_time", "interrupted"):
                 break
-        return self._result(image, heights, reason, options, record, sizes, exposure)
+        return self._result(image, heights, reason, options, log, sizes, exposure)
 
     def _exposure(self, image: CausticImage, start: FloatArray | None, options: RefineOptions) -> FloatArray | None:
         """By which to divide the image, shape [n_w]; None if by nothing.
@@ -96,14 +102,14 @@ class Refine(Reconstructor):
         if options.exposure == "trust":
             return None
         measurement = measurement_at(image, self.scene, self.scene.image_pixels, self.device)
-        ratio, noticed = light_ratio(measurement), NOTICED
+        ratio, noticed = light_ratio(measurement), LEAST_EXPOSURE_ERROR
         if start is not None:
             simulator = simulator_at(self.scene, self.scene.image_pixels, self.device)
             with torch.no_grad():
                 simulated = simulator(torch.tensor(start, dtype=torch.float32, device=self.device))
-            ratio = agreed(light_ratio(measurement, simulated), ratio)
+            ratio = agreed_ratio(light_ratio(measurement, simulated), ratio)
         elif options.metric == "height":
-            noticed = AGREED
+            noticed = MOST_LIGHT_LOST
         return ratio if is_exposure(ratio, noticed) else None
 
     def _metric(self, image: CausticImage, is_flat: bool) -> Metric:
@@ -121,10 +127,8 @@ class Refine(Reconstructor):
         descent, reason = self._descents[key], _MAX_ITERATIONS
         try:
             descent.run(measurement, heights, note)
-        except StopDescent as stop:
-            reason = stop.reason
-        except KeyboardInterrupt:
-            reason = "interrupted"
+        except KeyboardInterrupt as stop:
+            reason = why_stopped(stop)
         return anchored(descent.best_heights(), options), reason
 
     def _descend_curvature(
@@ -136,10 +140,8 @@ class Refine(Reconstructor):
         reason: StopReason
         try:
             reason = descent.run(heights)
-        except StopDescent as stop:
-            reason = stop.reason
-        except KeyboardInterrupt:
-            reason = "interrupted"
+        except KeyboardInterrupt as stop:
+            reason = why_stopped(stop)
         return anchored(descent.best, options), reason
 
     def _result(
@@ -148,43 +150,28 @@ class Refine(Reconstructor):
         heights: FloatArray,
         reason: StopReason,
         options: RefineOptions,
-        record: DescentRecord,
+        log: RunLog,
         sizes: list[int],
         exposure: FloatArray | None,
     ) -> Reconstruction:
-        descent_s, started = record.elapsed_s, time.perf_counter()
-        simulator = CausticSimulator(self.scene, "lattice", device=self.device)
-        found = torch.tensor(heights, dtype=torch.float32, device=self.device)
-        measurement = measurement_at(image, self.scene, self.scene.image_pixels, self.device)
-        radiosity = torch.tensor(self.scene.radiosity_W_m2, device=self.device)[:, None, None]
-        with torch.no_grad():
-            simulated = simulator(found)
-            residual = measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
-        exposure = np.ones(self.scene.n_wavelengths) if exposure is None else exposure
-        counters = {
-            "evaluations": len(record.history),
-            "exposure": exposure.tolist(),
-            "energy": energy_budget(simulator, found),
-        }
-        settings = options.model_dump() | {"levels": sizes, "simulation": simulator.settings()}
-        timings = {"descent": descent_s, "resimulation": time.perf_counter() - started}
+        descent_s = log.elapsed_s
+        resimulation = Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, exposure)
         warnings = []
         if sizes[-1] < self.scene.image_pixels:
             warnings.append(
                 f"image binned to {sizes[-1]} pixels to save time; finest_pixels={self.scene.image_pixels} uses all"
             )
-        told = warning(exposure, NOTICED)
+        told = exposure_warning(resimulation.exposure, LEAST_EXPOSURE_ERROR)
         if told is not None:
             warnings.append(f"{told}; --set reconstruction.options.exposure=trust explains it by the relief")
-        return Reconstruction(
-            method=self.name,
-            heights_m=heights,
-            image=simulated.cpu().numpy() * exposure.astype(np.float32)[:, None, None],
-            residual=residual,
-            stop_reason=reason,
-            history=record.history,
-            timings_s=timings,
-            counters=counters,
-            settings=settings,
-            warnings=tuple(warnings),
+        return make_result(
+            self.name,
+            resimulation,
+            heights,
+            reason=reason,
+            history=log.history,
+            timings={"descent": descent_s},
+            counters={"evaluations": len(log.history), "exposure": resimulation.exposure.tolist()},
+            settings=options.model_dump() | {"levels": sizes},
+            warnings=warnings,
         )

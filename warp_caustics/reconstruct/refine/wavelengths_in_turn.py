@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import torch
 
-from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.objective import EvaluationTensors, Measurement
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import EvaluationTensors, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
 from warp_caustics.simulator import CausticSimulator
 
 

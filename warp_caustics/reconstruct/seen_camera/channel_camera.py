@@ -8,9 +8,9 @@ import numpy as np
 
 from warp_caustics.types import FloatArray
 
-TOLD_PX = 0.1
+WARNED_SHIFT_PX = 0.1
 """Channels further apart than this are worth a warning; perfect images show up to 0.01 px."""
-TOLD_BLUR_PX = 2.0
+TRAINED_BLUR_PX = 2.0
 """Networks have seen blur up to this."""
 
 
@@ -96,7 +96,7 @@ class ChannelCamera:
         names = [f"{1e9 * wavelength:g} nm" for wavelength in wavelengths_m]
         told, apart = [], self.apart_px
         worst, blurred = int(apart.argmax()), int(self.blur.argmax())
-        if apart[worst] > TOLD_PX:
+        if apart[worst] > WARNED_SHIFT_PX:
             told.append(
                 f"the image of {names[worst]} lies up to {apart[worst]:.2f} px beside that of "
                 f"{names[len(names) // 2]} (lateral colour of the lens, mosaic of the sensor); undone to refine"
@@ -105,10 +105,10 @@ class ChannelCamera:
                 is_beyond = apart[worst] > trained_px
                 told[-1] += f", direct was trained for {'no more than' if is_beyond else 'up to'} {trained_px:g} px"
                 told[-1] += "; correct it in the raw converter" if is_beyond else ""
-        if self.blur[blurred] > TOLD_BLUR_PX:
+        if self.blur[blurred] > TRAINED_BLUR_PX:
             told.append(
                 f"the image of {names[blurred]} is blurred by {self.blur[blurred]:.1f} px (standard deviation), "
-                f"networks know up to {TOLD_BLUR_PX:g} px; focus, or bin the image"
+                f"networks know up to {TRAINED_BLUR_PX:g} px; focus, or bin the image"
             )
         return told
 

@@ -34,12 +34,12 @@ CUTS = 6
 CUT_ENOUGH = 0.02
 """Change of the blur [px^2] at which that is enough."""
 FAR_PX = 1.0
-"""Displacement beyond which phase correlation is asked first."""
+"""Displacement beyond which phase correlation (Kuglin and Hines 1975) is asked first."""
 TURNS = 3
 """Times that channels are moved and compared again."""
 OUTLIER = 3.0
 """Residuals, in units of their typical size, from which on they count less."""
-NOTICED_PX = 0.03
+LEAST_SHIFT_PX = 0.03
 """Channels less apart than this, everywhere in the image, are left where they are."""
 LEAST_STRUCTURE = 1e-3
 """Contrast of a simulated image below which it tells nothing."""
@@ -70,7 +70,7 @@ def registered(measurement: Measurement, simulated: torch.Tensor) -> ChannelCame
     if others:
         prediction = given[at_reference] + expected[others] - expected[at_reference]
         shift[others], scale[others] = _displacements(given[others], prediction, window, _inside(weight))
-    is_apart = displacement_px(shift, scale, pixels) >= NOTICED_PX
+    is_apart = displacement_px(shift, scale, pixels) >= LEAST_SHIFT_PX
     shift[~is_apart], scale[~is_apart] = 0.0, 0.0
     transforms = _moved(torch.fft.rfft2(given * window), -torch.as_tensor(shift, device=given.device))
     if bool((weight == 0).any()):

@@ -25,18 +25,18 @@ Source = Literal["none", "given", "estimated", "oracle"]
 PRINTED_M = 2.5e-5
 """Relief from which a sample counts as printed [m]: SfC's 1e-3 of its 2.5 cm."""
 
-GROWTH = 0.05
+MASK_GROWTH = 0.05
 """A mask is grown by this fraction of the samples per side: SfC's default, 6 of 128."""
 
 LIT_DIFFERENTLY = 0.05
 """Deviation from the flat plate, relative to the radiosity, that counts as a trace of print, at least."""
 
-NOISE_FACTOR = 3.0
+LIT_ABOVE_NOISE = 3.0
 """The same in units of the noise."""
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Constraints:
     """Mask and printed volume, with their sources.
 
     Attributes:
@@ -68,7 +68,7 @@ class Knowledge:
 
 def grown(mask: BoolArray) -> BoolArray:
     """A mask [n, n] dilated by floor(0.05 n) samples, one 4-neighbourhood after another, at least one."""
-    steps = max(1, int(GROWTH * len(mask)))
+    steps = max(1, int(MASK_GROWTH * len(mask)))
     result: BoolArray = scipy.ndimage.binary_dilation(mask, iterations=steps)
     return result
 
@@ -90,7 +90,7 @@ def estimated_mask(image: CausticImage, scene: Scene) -> BoolArray:
     lit = radiosity > 0
     relative = image.irradiance[lit] / radiosity[lit, None, None]
     noise = np.zeros(lit.sum()) if image.noise_std is None else np.asarray(image.noise_std)[lit] / radiosity[lit]
-    limit = np.maximum(LIT_DIFFERENTLY, NOISE_FACTOR * noise)
+    limit = np.maximum(LIT_DIFFERENTLY, LIT_ABOVE_NOISE * noise)
     squared = (relative - 1) ** 2
     if image.mask is not None:
         squared = np.where(image.mask[lit], squared, np.inf)
@@ -148,7 +148,7 @@ def true_heights(field: Any, scene: Scene) -> FloatArray:
     return heights
 
 
-def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: CausticImage, scene: Scene) -> Knowledge:
+def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: CausticImage, scene: Scene) -> Constraints:
     """Mask and volume as asked for.
 
     Args:
@@ -181,11 +181,11 @@ def gather(mask: Any, volume: float | str, oracle_heights_m: Any, image: Caustic
         hint = f"; no cell deviates from flat by {LIT_DIFFERENTLY:.0%}" if mask_source == "estimated" else ""
         raise InputError(f"mask ({mask_source}) is False everywhere, so no glass could be{hint}; give mask='none'")
     if volume == "none":
-        return Knowledge(found, mask_source, None, "none")
+        return Constraints(found, mask_source, None, "none")
     if volume == "oracle":
         assert truth is not None
         printed = relief_volume(truth, scene.sample_pitch_m)
         if printed <= 0:
             raise InputError(f"oracle_heights_m has a volume of {printed:g} m^3, nothing was printed; check its sign")
-        return Knowledge(found, mask_source, printed, "oracle")
-    return Knowledge(found, mask_source, float(volume), "given")
+        return Constraints(found, mask_source, printed, "oracle")
+    return Constraints(found, mask_source, float(volume), "given")

@@ -1,6 +1,6 @@
 """Landweber iteration on the caustic: data term, step size and the updates of SfC's three variants.
 
-Kassubeck et al., Shape from Caustics, WACV 2021. All steps and thresholds are
+Kassubeck et al., Shape from Caustics, WACV 2021; the problem stands in the package. All steps and thresholds are
 relative to the problem at hand, so they hold for any units of length and light.
 """
 
@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 import torch
 
+from warp_caustics.data_gradient import image_adjoint
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.sfc.shrinkage import soft_shrink
 from warp_caustics.reconstruct.sfc.wavelets import WaveletBasis
@@ -26,21 +27,11 @@ POWER_ITERATIONS = 12
 """Enough for a few per cent of the largest eigenvalue."""
 
 
-def data_term(image: torch.Tensor, measurement: Measurement, kind: SfcDataTerm) -> torch.Tensor:
-    """Mean misfit over the pixels that count: r^2 / 2 (l2) or |r| (l1), r in units of the radiosity.
-
-    SfC sums where this takes the mean: the step is relative, so that only the numbers in the history differ.
-    """
-    residual = (image - measurement.irradiance).double()
-    loss = residual**2 / 2 if kind == "l2" else residual.abs()
-    return (loss * measurement.weight).sum() / measurement.weight.sum()
-
-
 def curvature(simulator: CausticSimulator, measurement: Measurement, heights: FloatArray) -> float:
     """L: largest eigenvalue of the Gauss-Newton Hessian J^T W J of the l2 data term [1/m^2].
 
-    Power iteration; J v by central differences of the image, J^T by the exact gradient. Gradient descent on the
-    linearised problem converges for steps below 2 / L.
+    Power iteration v <- J^T W J v, normalised; J v by central differences of the image, J^T by the exact adjoint.
+    Gradient descent on the linearised problem converges for steps below 2 / L.
 
     Args:
         simulator: the model, in units of the radiosity.
@@ -56,10 +47,7 @@ def curvature(simulator: CausticSimulator, measurement: Measurement, heights: Fl
         probe = PROBE_M / float(direction.abs().max())
         with torch.no_grad():
             forward = (simulator(where + probe * direction) - simulator(where - probe * direction)) / (2 * probe)
-        leaf = where.clone().requires_grad_()
-        simulator(leaf).backward(weight * forward)
-        assert leaf.grad is not None
-        direction = leaf.grad
+        direction = image_adjoint(simulator, where, weight * forward)
         largest = float(direction.double().norm())
         if largest == 0:
             break

@@ -12,35 +12,34 @@ Departures from the published code: exact gradients (its hit distances carry non
 problem, a volume heuristic that cannot change sign, mask and volume as inputs. docs/sfc.md says why and how tuned.
 """
 
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from warp_caustics.energy import energy_budget
+from warp_caustics.data_gradient import data_gradient, lowest_height_m
 from warp_caustics.errors import InputError
-from warp_caustics.reconstruct.base import (
-    DEEPEST_FRACTION,
-    CausticImage,
-    Progress,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-    StopReason,
-)
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from warp_caustics.reconstruct.exposure import light_ratio, untreated_warning
 from warp_caustics.reconstruct.objective import Measurement, total_variation
-from warp_caustics.reconstruct.pyramid import check_image, check_initial, level_sizes, measurement_at
-from warp_caustics.reconstruct.sfc.constraints import Knowledge, gather
+from warp_caustics.reconstruct.pyramid import (
+    check_image,
+    check_initial,
+    in_units_of_radiosity,
+    level_sizes,
+    measurement_at,
+    usual_pixels,
+)
+from warp_caustics.reconstruct.result import Resimulation, make_result
+from warp_caustics.reconstruct.run_log import RunLog, why_stopped
+from warp_caustics.reconstruct.sfc.constraints import Constraints, gather
 from warp_caustics.reconstruct.sfc.landweber import (
     PixelUpdate,
     PlainUpdate,
     Update,
     WaveletUpdate,
     curvature,
-    data_term,
 )
 from warp_caustics.reconstruct.sfc.options import SfcOptions
 from warp_caustics.reconstruct.sfc.wavelets import WaveletBasis
@@ -55,7 +54,7 @@ MAX_RELIEF_M = 0.1
 MAX_HALVINGS = 6
 """Of the step in one iteration: the volume heuristic may have to raise the data term, whatever the step."""
 
-GROWTH = 1.2
+STEP_GROWTH = 1.2
 """Of the step after an iteration that needed no halving."""
 
 CONVERGED_M = 1e-10
@@ -81,36 +80,38 @@ class _Point:
     discrepancy: float | None
 
 
-@dataclass
-class _Run:
-    """Bookkeeping: every iteration, and the best one."""
+class _Iterates:
+    """The latest relief and the one of lowest objective; fixed steps do not descend from one to the next.
 
-    options: SfcOptions
-    progress: ProgressCallback | None
-    started: float
-    history: list[dict[str, Any]] = field(default_factory=list)
-    best: _Point | None = None
-    timings: dict[str, float] = field(default_factory=dict)
+    The start is none of them, so that a single iteration can be looked at.
+    """
+
+    def __init__(self, log: RunLog, stage: str):
+        self.log, self.stage = log, stage
+        self.latest: _Point | None = None
+        self.best: _Point | None = None
 
     def note(self, point: _Point, step: float) -> None:
-        elapsed = time.perf_counter() - self.started
+        """Take an iterate up.
+
+        Raises:
+            StopRun: the noise is reached, or the time is up.
+        """
+        self.latest = point
         if self.best is None or point.objective < self.best.objective:
             self.best = point
-        iteration = len(self.history) + 1
-        entry: dict[str, Any] = {"stage": self.options.variant, "iteration": iteration, "residual": point.residual}
-        entry |= {"objective": point.objective, "discrepancy": point.discrepancy, "step": step}
-        self.history.append(entry | {"elapsed_s": elapsed})
-        if self.progress is not None:
-            total = self.options.max_iterations
-            self.progress(Progress(self.options.variant, iteration, total, point.residual, elapsed))
+        self.log.note(
+            self.stage,
+            point.residual,
+            noise=point.discrepancy,
+            objective=point.objective,
+            discrepancy=point.discrepancy,
+            step=step,
+        )
 
-    def has_reached_noise(self, point: _Point) -> bool:
-        """Morozov's discrepancy principle."""
-        return point.discrepancy is not None and point.discrepancy <= self.options.discrepancy
-
-    def is_out_of_time(self) -> bool:
-        limit = self.options.max_time_s
-        return limit is not None and time.perf_counter() - self.started > limit
+    def kept(self, reason: StopReason) -> _Point | None:
+        """The relief to return: the first at the noise, else the best; None before the first."""
+        return self.latest if reason == "discrepancy" else self.best
 
 
 class Sfc(Reconstructor):
@@ -144,64 +145,81 @@ class Sfc(Reconstructor):
 
         Ctrl-C (KeyboardInterrupt) ends it with the best relief so far.
         """
-        started = time.perf_counter()
-        check_image(image, self.scene)
+        options, n = self.options, self.scene.height_samples
+        log = RunLog(options.max_iterations, progress, options.max_time_s, options.discrepancy)
+        image = check_image(image, self.scene)
         if initial is not None:
             check_initial(initial, self.scene)
-        options, n = self.options, self.scene.height_samples
-        knowledge = gather(
+        constraints = gather(
             options.mask_or_default, options.volume_or_default, options.oracle_heights_m, image, self.scene
         )
         heights: FloatArray = np.zeros((n, n)) if initial is None else initial.astype(np.float64)
         pixels = self._pixels()
         measurement = measurement_at(image, self.scene, pixels, self.device, options.border_pixels)
-        run = _Run(options, progress, started)
-        point = start = self._evaluate(measurement, self._simulator(pixels, 0), heights)
-        step = 0.0
+        start = self._evaluate(measurement, self._simulator(pixels, 0), heights)
+        iterates, step = _Iterates(log, options.variant), 0.0
         reason: StopReason = "discrepancy"
         try:
-            if not run.has_reached_noise(start):
-                update, step = self._update(measurement, self._simulator(pixels, 0), knowledge, start)
-                point, reason = self._iterate(measurement, pixels, update, step, start, run)
-        except KeyboardInterrupt:
-            point, reason = run.best or start, "interrupted"
-        run.timings["descent"] = time.perf_counter() - started
-        return self._result(image, point, start, reason, step, run, knowledge, pixels)
+            if start.discrepancy is None or start.discrepancy > options.discrepancy:
+                update, step = self._update(measurement, self._simulator(pixels, 0), constraints, start)
+                reason = self._iterate(measurement, pixels, update, step, start, iterates)
+        except KeyboardInterrupt as stop:
+            reason = why_stopped(stop)
+        point = iterates.kept(reason) or start
+        resimulation = Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image)
+        return make_result(
+            self.name,
+            resimulation,
+            point.heights,
+            reason=reason,
+            history=log.history,
+            timings={"descent": log.elapsed_s},
+            counters={
+                "start_residual": start.residual,
+                "volume_m3": relief_volume(point.heights, self.scene.sample_pitch_m),
+            },
+            settings=options.record()
+            | {
+                "knowledge": constraints.record(),
+                "levels": [pixels],
+                "first_step_m2": step,
+                "simulation": self._simulator(pixels, 0).settings(),
+            },
+            warnings=[*self._warnings(point, start, reason, constraints, pixels), *_light_warnings(resimulation)],
+        )
 
     def _pixels(self) -> int:
         """Image size used: on a CPU at most twice as many pixels as samples, as ``refine`` does."""
-        finest = self.options.finest_pixels or self.scene.image_pixels
-        if self.options.finest_pixels is None and self.device.type == "cpu":
-            while finest > 2 * self.scene.height_samples and finest % 2 == 0:
-                finest //= 2
+        finest = self.options.finest_pixels
+        if finest is None:
+            finest = usual_pixels(self.scene) if self.device.type == "cpu" else self.scene.image_pixels
         return level_sizes(self.scene.image_pixels, finest, finest)[-1]
 
     def _simulator(self, pixels: int, iteration: int) -> CausticSimulator:
-        # In units of the radiosity, so that weights mean the same for dim and bright light.
-        ones = tuple(float(r > 0) for r in self.scene.radiosity_W_m2)
-        scene = self.scene.model_copy(update={"image_pixels": pixels, "radiosity_W_m2": ones})
+        scene = in_units_of_radiosity(self.scene, pixels)
         o = self.options
         return CausticSimulator(scene, o.preset, n_photons=o.n_photons, seed=o.seed + iteration, device=self.device)
 
     def _evaluate(self, measurement: Measurement, simulator: CausticSimulator, heights: FloatArray) -> _Point:
         """Objective and gradient at a relief."""
         options = self.options
-        leaf = torch.tensor(heights, dtype=torch.float32, device=self.device, requires_grad=True)
-        image = simulator(leaf)
-        objective = data_term(image, measurement, options.data_term)
-        if options.total_variation:
-            objective = objective + options.total_variation * total_variation(leaf, self.scene.sample_pitch_m)
-        objective.backward()
-        assert leaf.grad is not None
-        with torch.no_grad():
-            residual = measurement.relative_residual(image)
-            discrepancy = measurement.discrepancy(image)
+
+        def objective(image: torch.Tensor, heights: torch.Tensor) -> torch.Tensor:
+            misfit = measurement.data_term(image, options.data_term)
+            if options.total_variation:
+                misfit = misfit + options.total_variation * total_variation(heights, self.scene.sample_pitch_m)
+            return misfit
+
+        relief = torch.tensor(heights, dtype=torch.float32, device=self.device)
+        found = data_gradient(simulator, relief, objective)
+        residual = measurement.relative_residual(found.image)
+        discrepancy = measurement.discrepancy(found.image)
         if options.relative_noise is not None:
             discrepancy = residual / options.relative_noise
-        return _Point(heights, float(objective.detach()), leaf.grad.double().cpu().numpy(), residual, discrepancy)
+        return _Point(heights, float(found.value), found.gradient.double().cpu().numpy(), residual, discrepancy)
 
     def _update(
-        self, measurement: Measurement, simulator: CausticSimulator, knowledge: Knowledge, start: _Point
+        self, measurement: Measurement, simulator: CausticSimulator, constraints: Constraints, start: _Point
     ) -> tuple[Update, float]:
         """The variant's update and its first step tau [m^2].
 
@@ -216,13 +234,14 @@ class Sfc(Reconstructor):
         if options.data_term == "l1":
             step *= self._typical_residual(measurement, simulator, start.heights)
         if options.variant == "baseline":
-            return PlainUpdate(-DEEPEST_FRACTION * self.scene.base_thickness_m, MAX_RELIEF_M), step
+            return PlainUpdate(lowest_height_m(self.scene), MAX_RELIEF_M), step
         band = None
-        if knowledge.volume_m3 is not None:
-            band = VolumeBand(knowledge.volume_m3, options.volume_tolerance, options.volume_gain)
+        if constraints.volume_m3 is not None:
+            band = VolumeBand(constraints.volume_m3, options.volume_tolerance, options.volume_gain)
         threshold = options.shrinkage * float(np.abs(start.gradient).max())
-        mask = knowledge.mask.astype(np.float64)
-        pixels = PixelUpdate(threshold, options.lowest_m, options.highest_m, mask, band, self.scene.sample_pitch_m)
+        mask = constraints.mask.astype(np.float64)
+        lowest_m = max(options.lowest_m, lowest_height_m(self.scene))
+        pixels = PixelUpdate(threshold, lowest_m, options.highest_m, mask, band, self.scene.sample_pitch_m)
         if self._basis is None:
             return pixels, step
         threshold = options.wavelet_shrinkage * float(np.abs(self._basis.adjoint(start.gradient)).max())
@@ -236,12 +255,12 @@ class Sfc(Reconstructor):
         return max(float(np.quantile(residual.cpu().numpy(), 0.75)), 1e-6)
 
     def _iterate(
-        self, measurement: Measurement, pixels: int, update: Update, step: float, start: _Point, run: _Run
-    ) -> tuple[_Point, StopReason]:
-        """All iterations; returns the relief to keep and why they ended.
+        self, measurement: Measurement, pixels: int, update: Update, step: float, start: _Point, iterates: _Iterates
+    ) -> StopReason:
+        """All iterations; returns why they ended.
 
-        Kept is the iterate of lowest objective, not the last: fixed steps do not descend from one to the next. The
-        start is none of them, so that a single iteration can be looked at.
+        Raises:
+            StopRun: the noise is reached, or the time is up.
         """
         simulator, point = self._simulator(pixels, 0), start
         for iteration in range(1, self.options.max_iterations + 1):
@@ -249,17 +268,11 @@ class Sfc(Reconstructor):
                 simulator = self._simulator(pixels, iteration)
             before = point
             point, step, next_step = self._advance(measurement, simulator, update, step, before)
-            run.note(point, step)
+            iterates.note(point, step)
             step = next_step
-            if run.has_reached_noise(point):
-                return point, "discrepancy"
-            assert run.best is not None
             if np.abs(point.heights - before.heights).max() <= CONVERGED_M:
-                return run.best, "converged"
-            if run.is_out_of_time():
-                return run.best, "max_time"
-        assert run.best is not None
-        return run.best, "max_iterations"
+                return "converged"
+        return "max_iterations"
 
     def _advance(
         self, measurement: Measurement, simulator: CausticSimulator, update: Update, step: float, point: _Point
@@ -269,7 +282,7 @@ class Sfc(Reconstructor):
         if self.options.step_control == "fixed":
             return candidate, step, step
         if candidate.objective <= point.objective:
-            return candidate, step, GROWTH * step
+            return candidate, step, STEP_GROWTH * step
         for _ in range(MAX_HALVINGS):
             step /= 2
             candidate = self._evaluate(measurement, simulator, update(point.heights, point.gradient, step))
@@ -277,53 +290,13 @@ class Sfc(Reconstructor):
                 break
         return candidate, step, step
 
-    def _result(
-        self,
-        image: CausticImage,
-        point: _Point,
-        start: _Point,
-        reason: StopReason,
-        step: float,
-        run: _Run,
-        knowledge: Knowledge,
-        pixels: int,
-    ) -> Reconstruction:
-        started = time.perf_counter()
-        # Always the lattice and all pixels: what was found is judged by the best simulation there is.
-        simulator = CausticSimulator(self.scene, "lattice", device=self.device)
-        found = torch.tensor(point.heights, dtype=torch.float32, device=self.device)
-        measurement = measurement_at(image, self.scene, self.scene.image_pixels, self.device)
-        radiosity = torch.tensor(self.scene.radiosity_W_m2, device=self.device)[:, None, None]
-        with torch.no_grad():
-            simulated = simulator(found)
-            residual = measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
-        counters = {
-            "start_residual": start.residual,
-            "volume_m3": relief_volume(point.heights, self.scene.sample_pitch_m),
-            "energy": energy_budget(simulator, found),
-        }
-        settings = self.options.record() | {"knowledge": knowledge.record(), "levels": [pixels], "first_step_m2": step}
-        settings["simulation"] = self._simulator(pixels, 0).settings()
-        return Reconstruction(
-            method=self.name,
-            heights_m=point.heights,
-            image=simulated.cpu().numpy(),
-            residual=residual,
-            stop_reason=reason,
-            history=run.history,
-            timings_s=run.timings | {"resimulation": time.perf_counter() - started},
-            counters=counters,
-            settings=settings,
-            warnings=tuple(self._warnings(point, start, reason, knowledge, pixels)),
-        )
-
     def _warnings(
-        self, point: _Point, start: _Point, reason: StopReason, knowledge: Knowledge, pixels: int
+        self, point: _Point, start: _Point, reason: StopReason, constraints: Constraints, pixels: int
     ) -> Iterator[str]:
         """What the user should know."""
         options = self.options
-        if knowledge.is_oracle:
-            sources = {"mask": knowledge.mask_source, "volume": knowledge.volume_source}
+        if constraints.is_oracle:
+            sources = {"mask": constraints.mask_source, "volume": constraints.volume_source}
             told = " and ".join(name for name, source in sources.items() if source == "oracle")
             yield f"{told} derived from the true relief (oracle): privileged knowledge that no measurement has"
         if pixels < self.scene.image_pixels:
@@ -341,3 +314,10 @@ class Sfc(Reconstructor):
                 f"no convergence: the residual is {point.residual:.3g}, above the {start.residual:.3g} of the start; "
                 "lower step"
             )
+
+
+def _light_warnings(resimulation: Resimulation) -> Iterator[str]:
+    """The published scheme knows no exposure but that of the scene."""
+    told = untreated_warning(light_ratio(resimulation.measurement), Sfc.name)
+    if told is not None:
+        yield told

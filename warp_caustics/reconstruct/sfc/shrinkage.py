@@ -11,7 +11,8 @@ from warp_caustics.types import FloatArray
 def soft_shrink(values: FloatArray, threshold: float, lowest: float = -np.inf, highest: float = np.inf) -> FloatArray:
     """clamp(sign(v) max(|v| - threshold, 0), lowest, highest).
 
-    The proximal map of threshold * ||v||_1 plus the indicator of [lowest, highest] where 0 lies between the bounds.
+    The proximal map of threshold * ||v||_1 (Daubechies, Defrise and De Mol 2004) plus the indicator of
+    [lowest, highest] where 0 lies between the bounds.
 
     Args:
         values: v, any shape and unit.

@@ -7,6 +7,13 @@ these normals; the last two in turn, since a vertex that moved sees its target
 under another angle. As others who measure plates with it do, light is refracted
 once: from the relief it goes straight to the screen, through glass all the way.
 
+Normal integration: vertices x, their rays d, the wanted unit normals N and the graph Laplacian L,
+
+    min_x  sum |n(x) - N|^2 + a sum |x - proj_d x|^2 + b sum |L x|^2 + c sum max(0, -log(1 + z - z_0))^2,
+
+the paper's integration, direction, regularisation and barrier energies; its flux term is left out, as in the code that
+others published.
+
 Departures: transport by our grid solver instead of power diagrams; as many vertices as cells of that grid (256 x 256
 for Tab. 1, 287 x 287 published), since the weight of smoothness depends on their number; and each inner minimisation
 starts at the exact integral of the wanted slopes, because L-BFGS alone hardly moves slow modes; the minimum is the
@@ -17,7 +24,7 @@ reported (``base_drift_m``), and left in the heights. Folds are out of reach, as
 distance in air is, too, because of the single refraction.
 """
 
-import time
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -27,19 +34,23 @@ from pydantic import Field
 
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_initial
+from warp_caustics.reconstruct.result import Resimulation, make_result
+from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 from warp_caustics.reconstruct.transport.integrate_normals import heights_of, integrate_slopes
 from warp_caustics.reconstruct.transport.light import Light, light_of
 from warp_caustics.reconstruct.transport.ray_inversion import LightPath
 from warp_caustics.reconstruct.transport.transport import (
     BARE_FRACTION,
-    StepLog,
+    DEEPEST_OF_TRANSPORT,
     carry_light,
     checked_cells,
-    finished,
+    fold_advice,
     grid_points,
     mass_warnings,
+    note_step,
     relief_on_grid,
     targets_of,
+    why_carried,
 )
 from warp_caustics.reconstruct.transport.transport_map import most_steps
 from warp_caustics.scene import Scene
@@ -115,31 +126,41 @@ class Hcccd(Reconstructor):
             check_initial(initial, self.scene)
         start: FloatArray = np.zeros((n, n)) if initial is None else initial.astype(np.float64)
         total = most_steps(self.cells, TRANSPORT_STEPS) + options.max_iterations
-        log = StepLog(total, progress, options.max_time_s)
-        transport = carry_light(light, start, self.device, TRANSPORT_STEPS, TRANSPORT_TOLERANCE, log.note)
-        transport_s = time.perf_counter() - log.started
+        log = RunLog(total, progress, options.max_time_s)
+        report = partial(note_step, log)
+        transport = carry_light(light, start, self.device, TRANSPORT_STEPS, TRANSPORT_TOLERANCE, report)
+        transport_s = log.elapsed_s
         surface = _Surface(self, light, start, targets_of(transport, start, light.scene))
-        reason = log.reason(transport)
+        reason = why_carried(transport)
         try:
             if reason in ("max_iterations", "converged"):
                 reason = "converged" if surface.alternate(log) else "max_iterations"
             else:
                 surface.iterate()
-        except KeyboardInterrupt:
-            reason = "max_time" if log.time_is_up else "interrupted"
+        except KeyboardInterrupt as stop:
+            reason = why_stopped(stop)
         heights = surface.heights()
         drift = surface.base_m()
         counters = {"mass_error": transport.mass_error, "steps": transport.steps, "light_balance": light.balance}
+        counters["exposure"] = light.exposure.tolist()
         counters |= {"outer_iterations": surface.iterations, "base_drift_m": drift}
         counters |= {"sideways_m": surface.sideways_m(), "last_move_m": surface.moved_m}
         warnings = [*light.warnings, *mass_warnings(transport), *surface.warnings]
         warnings.append(f"the base of the plate drifted by {drift * 1e6:.3g} um; hcccd does not know the mean height")
-        timings = {"transport": transport_s, "integration": time.perf_counter() - log.started - transport_s}
+        timings = {"transport": transport_s, "integration": log.elapsed_s - transport_s}
         settings = options.model_dump() | {"cells": self.cells, "from_flat": not np.ptp(start)}
-        return finished(
-            self.name, self.scene, self.device, image, heights, reason, log.history, timings, counters, settings,
-            warnings,
-        )  # fmt: skip
+        return make_result(
+            self.name,
+            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, light.exposure),
+            heights,
+            reason=reason,
+            history=log.history,
+            timings=timings,
+            counters=counters,
+            settings=settings,
+            warnings=warnings,
+            advice=fold_advice,
+        )
 
 
 class _Surface:
@@ -173,7 +194,9 @@ class _Surface:
         """Relief at the height samples [m], shape [n, n]."""
         fine = self.vertices[2] * self.unit_m - self.scene.base_thickness_m
         spectrum: FloatArray = scipy.fft.dctn(fine, norm="ortho")
-        return np.maximum(heights_of(spectrum, self.scene.height_samples), -0.5 * self.scene.base_thickness_m)
+        return np.maximum(
+            heights_of(spectrum, self.scene.height_samples), -DEEPEST_OF_TRANSPORT * self.scene.base_thickness_m
+        )
 
     def base_m(self) -> float:
         """Height of the bare plate [m], by the rule of ``transport``; 0 is where it was built."""
@@ -183,7 +206,7 @@ class _Surface:
         """How far the farthest vertex has left its start sideways [m]."""
         return float(np.abs(self.vertices[:2] * self.unit_m - self.points).max())
 
-    def alternate(self, log: StepLog) -> bool:
+    def alternate(self, log: RunLog) -> bool:
         """Target normals and normal integration in turn; True once the vertices have settled."""
         for _ in range(self.options.max_iterations):
             before, moved_before = self.vertices, self.moved_m
@@ -195,8 +218,8 @@ class _Surface:
                 )
                 return False
             residual = self._residual()
-            log.note(f"normals, {self.method.cells} x {self.method.cells} vertices", residual)
-            log.history[-1] |= {"base_m": self.base_m(), "moved_m": self.moved_m}
+            stage = f"normals, {self.method.cells} x {self.method.cells} vertices"
+            log.note(stage, residual, loss=residual, base_m=self.base_m(), moved_m=self.moved_m)
             if self.moved_m <= self.options.settled_m:
                 return True
         return False

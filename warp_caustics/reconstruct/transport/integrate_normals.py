@@ -2,8 +2,11 @@
 
 Heights are sums of cosines with free edges, sampled at cell centres. Their
 slopes are then sums of sines and cosines, and the least-squares heights for
-given slopes follow mode by mode (Frankot and Chellappa's projection, with the
-cosine transform for the free edges).
+given slopes (p, q) follow mode by mode (Frankot and Chellappa 1988, IEEE PAMI 10,
+439, their projection onto integrable slopes, with the cosine transform for the
+free edges instead of the Fourier transform):
+
+    H(k) = -(k_x P(k) + k_y Q(k)) / (k_x^2 + k_y^2),    P, Q sine spectra along the slope, cosine ones across.
 """
 
 import math
@@ -123,6 +126,7 @@ def _fitted_bend(
     bend = np.full_like(values, np.quantile(values, 0.1))
     width = max(float(values.std()), BARE_WIDTH_M)
     for _ in range(LEVEL_STEPS):
+        # Weights of rho(r) = r^2 / (1 + r^2) (Geman and McClure 1987) for what is above; what is below counts in full.
         above = np.maximum(values - bend, 0.0) / width
         weight = 1 / ((1 + above**2) * width) ** 2 / CORRELATED_SAMPLES
         normal = (basis * weight[:, None]).T @ basis + np.diag(stiffness)

@@ -7,6 +7,7 @@ import scipy.ndimage
 
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.exposure import is_exposure
 from warp_caustics.reconstruct.pyramid import check_image
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -29,12 +30,14 @@ class Light:
         density: mean over the wavelengths of irradiance over radiosity, at least 0, shape [N, N].
         scene: N pixels, only the wavelengths that shine, all of radiosity 1.
         balance: mean of the density; 1 if no light is lost.
+        exposure: of the image, by which its caustic is to be compared, shape [n_w]; 1 unless it is far from that.
         warnings: what was left out or repaired.
     """
 
     density: FloatArray
     scene: Scene
     balance: float
+    exposure: FloatArray
     warnings: tuple[str, ...]
 
 
@@ -49,11 +52,9 @@ def light_of(image: CausticImage, scene: Scene, cells: int) -> Light:
         MismatchError: image of another size than the scene's.
         InputError: not finite, or no light.
     """
-    check_image(image, scene)
+    image = check_image(image, scene)
     radiosity = np.asarray(scene.radiosity_W_m2)
     valid = np.ones(image.irradiance.shape, bool) if image.mask is None else image.mask.astype(bool)
-    if not valid.any():
-        raise InputError("all pixels are masked; nothing is left to reconstruct from")
     relative = image.irradiance.astype(np.float64) / np.maximum(radiosity, 1e-300)[:, None, None]
     means = [float(r[v].mean()) if v.any() else 0.0 for r, v in zip(relative, valid, strict=True)]
     shining = [c for c in range(len(means)) if radiosity[c] > 0 and means[c] > DARK_CHANNEL]
@@ -77,9 +78,13 @@ def light_of(image: CausticImage, scene: Scene, cells: int) -> Light:
     balance = float(density.mean())
     if abs(balance - 1) > TOLERATED_BALANCE:
         warnings.append(f"mean irradiance is {balance:.3g} of the radiosity; check exposure, flat frame and window")
+    exposure = np.ones(len(means))
+    exposure[shining] = [means[c] for c in shining]
+    if not is_exposure(exposure, TOLERATED_BALANCE):
+        exposure = np.ones(len(means))
     update = {"image_pixels": cells, "wavelengths_m": tuple(scene.wavelengths_m[c] for c in shining)}
     used = scene.model_copy(update=update | {"radiosity_W_m2": (1.0,) * len(shining)})
-    return Light(without_border(density), used, balance, tuple(warnings))
+    return Light(without_border(density), used, balance, exposure, tuple(warnings))
 
 
 def without_border(density: FloatArray) -> FloatArray:

@@ -6,7 +6,12 @@ screen. At a plane interface n sin(theta) and the azimuth are kept, so a path be
 the relief is described by the two components of k = n (x, y part of its unit
 direction), and it travels sideways by k / sqrt(n^2 - |k|^2) per unit of depth.
 Everything is float64 NumPy on whole grids; unlike the oracle there is no relief
-to evaluate, heights and slopes are given.
+to evaluate, heights and slopes are given. Forwards:
+
+    x' = x + k (d + h) / sqrt(n^2 - |k|^2) + k g / sqrt(n_e^2 - |k|^2),
+
+d + h the glass, g the gap below it; backwards |k| is the root of that by Newton's method, and the normal is along
+i - n t, i and t the unit directions before and behind the relief (Snell's law as a vector).
 """
 
 from dataclasses import dataclass

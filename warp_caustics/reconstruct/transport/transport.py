@@ -11,9 +11,8 @@ map from the true one, and the relief is wrong there although its caustic is clo
 """
 
 import dataclasses
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -21,18 +20,12 @@ import scipy.ndimage
 import torch
 from pydantic import Field
 
-from warp_caustics.energy import energy_budget
 from warp_caustics.errors import InputError
 from warp_caustics.height_field import basis_matrix, cell_centres, prefilter_matrix, sample_coordinate
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    Progress,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-    StopReason,
-)
-from warp_caustics.reconstruct.pyramid import check_initial, measurement_at
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from warp_caustics.reconstruct.pyramid import check_initial, usual_pixels
+from warp_caustics.reconstruct.result import Resimulation, make_result
+from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 from warp_caustics.reconstruct.transport.integrate_normals import heights_of, integrate_slopes, plate_bend
 from warp_caustics.reconstruct.transport.light import Light, light_of, without_border
 from warp_caustics.reconstruct.transport.ray_inversion import LightPath
@@ -48,13 +41,18 @@ BARE_FRACTION = 0.2
 BAD_MASS_ERROR = 0.05
 """Tab. 3 reliefs end below 0.03; more means that transport has not converged."""
 
-BAD_RESIDUAL = 0.1
+FOLDED_RESIDUAL = 0.1
 """Mild reliefs end below 0.08; more means folds."""
 
 SETTLED_M = 1e-9
 """Heights that change less have settled [m]."""
 
 GEOMETRY_STEPS = 12
+
+DEEPEST_OF_TRANSPORT = 0.5
+"""Share of the plate's thickness: less than the ``DEEPEST_TRENCH`` of descents. Nothing here looks at the image of a
+trench, which only a map that should have folded asks for, and the way through the glass, which slopes and heights are
+found for in turn, must not all but vanish. The figures of docs/transport.md are with this."""
 
 Baseline = Literal["smooth", "constant"]
 
@@ -75,37 +73,20 @@ class TransportOptions(Strict):
     """Stop the transport after this time [s] with the best map so far."""
 
 
-class _TimeUp(KeyboardInterrupt):
-    """Ends the transport like Ctrl-C does."""
+def note_step(log: RunLog, stage: str, mass_error: float) -> None:
+    """Record a step of the transport; its mass error stands for the residual.
+
+    Raises:
+        StopRun: the time is up.
+    """
+    log.note(stage, mass_error, loss=mass_error)
 
 
-@dataclass
-class StepLog:
-    """History of a run; hands progress on, and stops it when the time is up."""
-
-    total: int
-    progress: ProgressCallback | None
-    max_time_s: float | None
-    started: float = field(default_factory=time.perf_counter)
-    history: list[dict[str, Any]] = field(default_factory=list)
-    time_is_up: bool = False
-
-    def note(self, stage: str, mass_error: float) -> None:
-        """Record a step of the transport; its mass error stands for the residual."""
-        elapsed = time.perf_counter() - self.started
-        entry = {"stage": stage, "iteration": len(self.history) + 1, "residual": mass_error, "loss": mass_error}
-        self.history.append(entry | {"elapsed_s": elapsed})
-        if self.progress is not None:
-            self.progress(Progress(stage, len(self.history), self.total, mass_error, elapsed))
-        if self.max_time_s is not None and elapsed > self.max_time_s:
-            self.time_is_up = True
-            raise _TimeUp
-
-    def reason(self, transport: TransportMap) -> StopReason:
-        """Why the transport ended."""
-        if transport.interrupted:
-            return "max_time" if self.time_is_up else "interrupted"
-        return "converged" if transport.mass_error <= BAD_MASS_ERROR else "max_iterations"
+def why_carried(transport: TransportMap) -> StopReason:
+    """Why a transport ended."""
+    if transport.stop is not None:
+        return why_stopped(transport.stop)
+    return "converged" if transport.mass_error <= BAD_MASS_ERROR else "max_iterations"
 
 
 class Transport(Reconstructor):
@@ -141,22 +122,31 @@ class Transport(Reconstructor):
             check_initial(initial, self.scene)
         start: FloatArray = np.zeros((n, n)) if initial is None else initial.astype(np.float64)
         options = self.options
-        log = StepLog(most_steps(self.cells, options.max_iterations), progress, options.max_time_s)
-        transport = carry_light(light, start, self.device, options.max_iterations, options.tolerance, log.note)
-        transport_s = time.perf_counter() - log.started
+        log = RunLog(most_steps(self.cells, options.max_iterations), progress, options.max_time_s)
+        report = partial(note_step, log)
+        transport = carry_light(light, start, self.device, options.max_iterations, options.tolerance, report)
+        transport_s = log.elapsed_s
         targets = targets_of(transport, start, light.scene)
         heights, geometry = self._heights(targets, start, light.scene)
-        geometry["light_balance"] = light.balance
+        geometry |= {"light_balance": light.balance, "exposure": light.exposure.tolist()}
         geometry |= {"mass_error": transport.mass_error, "steps": transport.steps}
-        timings = {"transport": transport_s, "heights": time.perf_counter() - log.started - transport_s}
+        timings = {"transport": transport_s, "heights": log.elapsed_s - transport_s}
         warnings = [*light.warnings, *mass_warnings(transport)]
         if geometry["limited_share"] > 0:
             warnings.append(f"{geometry['limited_share']:.1%} of the light cannot be refracted as far as it should go")
         settings = options.model_dump() | {"cells": self.cells, "from_flat": not np.ptp(start)}
-        return finished(
-            self.name, self.scene, self.device, image, heights, log.reason(transport), log.history, timings,
-            geometry, settings, warnings,
-        )  # fmt: skip
+        return make_result(
+            self.name,
+            Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, light.exposure),
+            heights,
+            reason=why_carried(transport),
+            history=log.history,
+            timings=timings,
+            counters=geometry,
+            settings=settings,
+            warnings=warnings,
+            advice=fold_advice,
+        )
 
     def _heights(self, targets: FloatArray, start: FloatArray, scene: Scene) -> tuple[FloatArray, dict[str, Any]]:
         """Heights that send light to targets (x, y) [m], shape [2, N, N]; and what happened on the way."""
@@ -168,7 +158,7 @@ class Transport(Reconstructor):
             slopes, limited = path.slopes_towards(points, fine, targets)
             raw = heights_of(integrate_slopes(slopes, scene.plate_size_m), scene.height_samples)
             base = self._baseline(raw, path)
-            found = np.maximum(raw - base, -0.5 * scene.base_thickness_m)
+            found = np.maximum(raw - base, -DEEPEST_OF_TRANSPORT * scene.base_thickness_m)
             change, heights, steps = float(np.abs(found - heights).max()), found, steps + 1
         counters = {"geometry_steps": steps, "geometry_change_m": change, "limited_share": limited}
         return heights, counters | {"removed_mean_m": float(base.mean()), "removed_bend_rms_m": float(base.std())}
@@ -189,10 +179,7 @@ def checked_cells(cells: int | None, scene: Scene, method: str) -> int:
         if scene.image_pixels % cells:
             raise InputError(f"{method}.cells: {cells} does not divide {scene.image_pixels} pixels; use a divisor")
         return cells
-    cells = scene.image_pixels
-    while cells > 2 * scene.height_samples and cells % 2 == 0:
-        cells //= 2
-    return cells
+    return usual_pixels(scene)
 
 
 def carry_light(
@@ -260,46 +247,13 @@ def mass_warnings(transport: TransportMap) -> list[str]:
     ]
 
 
-def finished(
-    method: str,
-    scene: Scene,
-    device: torch.device,
-    image: CausticImage,
-    heights: FloatArray,
-    reason: StopReason,
-    history: list[dict[str, Any]],
-    timings: dict[str, float],
-    counters: dict[str, Any],
-    settings: dict[str, Any],
-    warnings: list[str],
-) -> Reconstruction:
-    """The record of a result, with its caustic simulated at all pixels."""
-    started = time.perf_counter()
-    simulator = CausticSimulator(scene, "lattice", device=device)
-    found = torch.tensor(heights, dtype=torch.float32, device=device)
-    measurement = measurement_at(image, scene, scene.image_pixels, device)
-    radiosity = torch.tensor(scene.radiosity_W_m2, device=device)[:, None, None]
-    with torch.no_grad():
-        simulated = simulator(found)
-        residual = measurement.relative_residual(simulated / radiosity.clamp_min(1e-30))
-    if residual > BAD_RESIDUAL:
-        warnings = [
-            *warnings,
+def fold_advice(residual: float) -> Iterator[str]:
+    """What a relative residual tells of a relief that was found by transport."""
+    if residual > FOLDED_RESIDUAL:
+        yield (
             f"the image is explained to {residual:.0%} only: where light paths cross, transport finds another relief; "
-            "take it as a start for a method that knows folds",
-        ]
-    return Reconstruction(
-        method=method,
-        heights_m=heights,
-        image=simulated.cpu().numpy(),
-        residual=residual,
-        stop_reason=reason,
-        history=history,
-        timings_s=timings | {"resimulation": time.perf_counter() - started},
-        counters=counters | {"energy": energy_budget(simulator, found)},
-        settings=settings | {"simulation": simulator.settings()},
-        warnings=tuple(warnings),
-    )
+            "take it as a start for a method that knows folds"
+        )
 
 
 def transport_initial(

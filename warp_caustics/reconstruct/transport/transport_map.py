@@ -1,15 +1,18 @@
 """Optimal transport between two densities on one square grid: the back-and-forth method.
 
 Of all maps that carry a density f to a density g, the optimal one for the cost
-|x - y|^2 / 2 is the only gradient of a convex function (Brenier): it folds
-nowhere. It is found by ascent on the dual problem (Jacobs and Leger, "A fast
+|x - y|^2 / 2 is the only gradient of a convex function (Brenier 1991): it folds
+nowhere. It is found by ascent on the dual problem (Jacobs and Leger 2020, "A fast
 approach to optimal transport: the back-and-forth method", arXiv 1905.12154),
 
     J(phi) = sum phi g + sum phi^c f,    phi^c(x) = min_y |x - y|^2 / 2 - phi(y),
 
-stepping in turn in phi and in its transform psi = phi^c. The gradient of J is g
-minus f pushed through T = id - grad phi^c, taken in the metric of the Laplacian;
-c-transforms are separable, axis by axis.
+stepping in turn in phi and in its transform psi = phi^c,
+
+    phi <- phi + sigma (-Laplacian)^-1 (g - T#f),    psi <- phi^c,    T = id - grad psi,
+
+then the same with f and g, phi and psi exchanged: g - T#f is the gradient of J, taken
+in the metric of the Laplacian. c-transforms are separable, axis by axis.
 
 Lengths are pixels here. Departures from the paper: every one-dimensional
 minimum is refined by a parabola through its three lowest values, since
@@ -47,7 +50,7 @@ SHORTER, LONGER = 0.7, 1.25
 LEAST_PROGRESS, PATIENCE = 0.02, 4
 """A grid is left when the mass error has not become 2 % better for four steps."""
 
-POLISH_STEPS, POLISH_STEP = 12, 0.7
+CORRECTIONS, CORRECTION_STEP = 12, 0.7
 """Steps of the last correction, and their length; 1 would solve the linear problem."""
 
 DARKEST = 1e-2
@@ -65,13 +68,13 @@ class TransportMap:
         displacement_px: (x, y) of T(x) - x [px], shape [2, N, N].
         mass_error: misplaced share of the mass, sum |T#f - g| / (2 sum g): 0 is perfect, 1 nothing fits.
         steps: back-and-forth steps on all grids.
-        interrupted: True if Ctrl-C ended it early.
+        stop: what ended it early, Ctrl-C or the report; None if nothing did.
     """
 
     displacement_px: torch.Tensor
     mass_error: float
     steps: int
-    interrupted: bool = False
+    stop: KeyboardInterrupt | None = None
 
 
 def optimal_transport(
@@ -105,7 +108,8 @@ def optimal_transport(
         raise InputError(f"source {list(source.shape)} and target {list(target.shape)} differ; resample one of them")
     sizes = grid_sizes(len(source))
     potential = torch.zeros(sizes[0], sizes[0], device=source.device, dtype=source.dtype)
-    steps, step, is_interrupted = 0, 1.0, False
+    steps, step = 0, 1.0
+    stop: KeyboardInterrupt | None = None
     for size in sizes:
         f, g = (_relative(binned(density, size)) for density in (source, target))
         if size != sizes[0]:
@@ -114,20 +118,15 @@ def optimal_transport(
         level = _Level(f, g, potential, step, f"transport, {size} x {size} cells", report)
         try:
             for floor in FLOORS if size == sizes[0] else FLOORS[-1:]:
-                if not is_interrupted:
+                if stop is None:
                     level.solve(floor, max_steps, tolerance)
-        except KeyboardInterrupt:
-            is_interrupted = True
-        if size == sizes[-1] and not is_interrupted:
-            try:
-                level.polish()
-            except KeyboardInterrupt:
-                is_interrupted = True
+            if size == sizes[-1] and stop is None:
+                level.correct()
+        except KeyboardInterrupt as interruption:
+            stop = interruption
         potential, step = level.best, level.step
         steps += level.steps
-    return TransportMap(
-        -level.basis.gradient(potential), mass_error(level.f, level.g, potential), steps, is_interrupted
-    )
+    return TransportMap(-level.basis.gradient(potential), mass_error(level.f, level.g, potential), steps, stop)
 
 
 def grid_sizes(cells: int) -> list[int]:
@@ -140,7 +139,7 @@ def grid_sizes(cells: int) -> list[int]:
 
 def most_steps(cells: int, max_steps: int) -> int:
     """Steps on all grids and floors, at most."""
-    return max_steps * (len(grid_sizes(cells)) + len(FLOORS) - 1) + POLISH_STEPS
+    return max_steps * (len(grid_sizes(cells)) + len(FLOORS) - 1) + CORRECTIONS
 
 
 def binned(density: torch.Tensor, size: int) -> torch.Tensor:
@@ -199,7 +198,7 @@ class _Level:
             psi, phi = self._ascend(psi, phi, f - push_forward(g, phi), f, g)
             psi = self._transform(phi)
 
-    def polish(self) -> None:
+    def correct(self) -> None:
         """Improve ``best`` without c-transforms, which know a potential only to the parabolas between its samples.
 
         For a potential that is nearly right, T#f changes by div(f grad(change)), taken where the light lands. The same
@@ -212,7 +211,7 @@ class _Level:
         # The start of all may be the better one.
         psi = min((self.best, torch.zeros_like(self.best)), key=lambda p: mass_error(self.f, self.g, p))
         self.best, least = psi, math.inf
-        for _ in range(POLISH_STEPS):
+        for _ in range(CORRECTIONS):
             pushed = push_forward(self.f, psi, self.basis)
             error = _misplaced(pushed, self.g)
             if error < least:
@@ -224,7 +223,7 @@ class _Level:
             landed = (grid - self.basis.gradient(psi) * (2 / n)).permute(1, 2, 0)[None]
             excess = ((pushed - self.g) / pushed.clamp_min(DARKEST))[None, None]
             excess = grid_sample(excess, landed, padding_mode="border", align_corners=False)[0, 0]
-            psi = psi + POLISH_STEP * self.basis.inverse_laplacian(excess * self.f)
+            psi = psi + CORRECTION_STEP * self.basis.inverse_laplacian(excess * self.f)
 
     def _ascend(
         self, moved: torch.Tensor, other: torch.Tensor, gradient: torch.Tensor, f: torch.Tensor, g: torch.Tensor

@@ -6,11 +6,12 @@ import torch
 
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.objective import Evaluation
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
-from warp_caustics.reconstruct.refine.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.refine.height_descent import HeightDescent
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.relief_objective import Evaluation, ReliefObjective
+from warp_caustics.reconstruct.refine.relief_objective import ReliefObjective
+from warp_caustics.reconstruct.run_log import RunLog, StopRun, note_evaluation
 from warp_caustics.resampling import blur_matrices
 
 SCENE = Scene(height_samples=16, image_pixels=32)
@@ -86,11 +87,11 @@ def test_the_first_relief_that_leaves_only_noise_is_kept(device):
     """Whatever is stepped on until the host reads of it."""
     image = image_of(bump(8e-4), 0.0012, device)
     descent, start = made(device, max_iterations=40, total_variation=0.0), bump(7e-4)
-    record = DescentRecord(40, None, discrepancy=1.0)
-    with pytest.raises(StopDescent) as stopped:
-        descent.run(measured(image, device), start, lambda evaluation: record.note("here", evaluation))
+    log = RunLog(40, discrepancy=1.0)
+    with pytest.raises(StopRun) as stopped:
+        descent.run(measured(image, device), start, lambda evaluation: note_evaluation(log, "here", evaluation))
     assert stopped.value.reason == "discrepancy"
-    noises = [entry["discrepancy"] for entry in record.history]
+    noises = [entry["discrepancy"] for entry in log.history]
     assert noises[-1] <= 1 < min(noises[:-1])
     objective = ReliefObjective(descent.simulator, measured(image, device), descent.options)
     at_best = Evaluation.read(objective(torch.tensor(descent.best_heights(), device=device)).values.tolist())

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.errors import InputError, MismatchError, ResourceError
+from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
@@ -87,9 +87,8 @@ def test_discrepancy_principle_stops_at_the_noise():
     assert errors(result, truth)["rmse_um"] < errors(result, truth)["reference_rms_um"]
 
 
-@pytest.mark.parametrize("metric", ["curvature", "height"])
-def test_interruption_returns_the_best_so_far(metric):
-    """Ctrl-C in the progress callback, as the terminal delivers it."""
+def test_interruption_returns_the_best_so_far():
+    """Ctrl-C in the curvature metric; the contract of all methods tries the other one."""
     measured = caustic(bumps(40e-6))
     seen = []
 
@@ -98,43 +97,12 @@ def test_interruption_returns_the_best_so_far(metric):
         if len(seen) == 10:
             raise KeyboardInterrupt
 
-    method = create("refine", SMALL, metric=metric, total_variation=0.0, coarsest_pixels=64)
+    method = create("refine", SMALL, metric="curvature", total_variation=0.0, coarsest_pixels=64)
     result = method.reconstruct(measured, progress=interrupt)
     assert result.stop_reason == "interrupted"
     assert len(result.history) == 10
     flat = np.linalg.norm(1 - measured.irradiance) / np.linalg.norm(measured.irradiance)
     assert result.residual < flat
-
-
-def test_time_limit_is_kept():
-    result = create("refine", SMALL, max_time_s=0.5, max_iterations=100000, discrepancy=0).reconstruct(
-        caustic(bumps(1e-3)), initial=bumps(0.9e-3)
-    )
-    assert result.stop_reason == "max_time"
-    assert result.timings_s["descent"] < 5
-
-
-def test_masked_pixels_do_not_count():
-    """Garbage under the mask changes nothing."""
-    truth = bumps(40e-6)
-    clean = caustic(truth)
-    mask = np.ones(clean.irradiance.shape, bool)
-    mask[:, 20:24, 30:34] = False
-    dirty = clean.irradiance.copy()
-    dirty[~mask] = 1e3
-    found = [
-        create("refine", SMALL, max_iterations=10).reconstruct(CausticImage(image, None, mask)).heights_m
-        for image in (clean.irradiance, dirty)
-    ]
-    np.testing.assert_array_equal(*found)
-
-
-def test_dim_light_gives_the_same_heights():
-    """Everything is relative to the radiosity."""
-    truth = bumps(40e-6)
-    dim = SMALL.model_copy(update={"radiosity_W_m2": (0.01, 0.02, 0.005)})
-    results = [create("refine", s, max_iterations=20).reconstruct(caustic(truth, s)).heights_m for s in (SMALL, dim)]
-    np.testing.assert_allclose(*results, atol=1e-6)
 
 
 @pytest.mark.parametrize("exposure", [0.95, 1.03])
@@ -203,23 +171,6 @@ def test_curvature_metric_is_symmetric():
     metric = CurvatureMetric(16, (0.05, 0.03), 1e-3)
     u, v = np.random.default_rng(1).standard_normal((2, 16, 16))
     assert np.vdot(metric.apply(u), v) == pytest.approx(np.vdot(u, metric.apply(v)), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("image", "initial", "error", "words"),
-    [
-        (np.ones((3, 32, 32)), None, MismatchError, r"\[3, 32, 32\]"),
-        (np.ones((1, 64, 64)), None, MismatchError, r"\[1, 64, 64\]"),
-        (np.full((3, 64, 64), np.nan), None, InputError, "not finite"),
-        (np.zeros((3, 64, 64)), None, InputError, "nothing to see"),
-        (np.ones((3, 64, 64)), np.zeros((8, 8)), InputError, r"\[8, 8\]"),
-        (np.ones((3, 64, 64)), np.full((32, 32), np.inf), InputError, "finite"),
-        (np.ones((3, 64, 64)), np.full((32, 32), -1.0), InputError, "cuts through"),
-    ],
-)
-def test_bad_input_is_refused(image, initial, error, words):
-    with pytest.raises(error, match=words):
-        create("refine", SMALL).reconstruct(CausticImage(image), initial=initial)
 
 
 @pytest.mark.parametrize(

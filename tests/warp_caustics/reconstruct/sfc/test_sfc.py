@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import InputError
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
@@ -14,7 +14,6 @@ from warp_caustics.reconstruct.methods import create
 ONE = {"wavelengths_m": (5e-7,), "radiosity_W_m2": (1.0,)}
 SMALL = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.0125, 0.0125), **ONE)
 LANDWEBER = ["landweber_pixel", "landweber_wavelet"]
-VARIANTS = ["baseline", *LANDWEBER]
 
 
 def lines(height_m=6e-5):
@@ -169,58 +168,6 @@ def test_new_photons_in_every_iteration():
     np.testing.assert_array_equal(runs[0].heights_m, runs[1].heights_m)
     assert np.abs(runs[0].heights_m - runs[2].heights_m).max() > 1e-9
     assert runs[0].settings["simulation"]["placement"] == "random"
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_interruption_returns_the_best_so_far(variant, measured):
-    seen = []
-
-    def interrupt(progress):
-        seen.append(progress)
-        if len(seen) == 5:
-            raise KeyboardInterrupt
-
-    result = create("sfc", SMALL, variant=variant).reconstruct(measured, progress=interrupt)
-    assert result.stop_reason == "interrupted"
-    assert [p.iteration for p in seen] == [1, 2, 3, 4, 5]
-    assert (seen[0].total, seen[0].stage) == (200, variant)
-    assert len(result.history) == 5
-    assert result.residual < result.counters["start_residual"]
-
-
-def test_time_limit(measured):
-    result = create("sfc", SMALL, max_time_s=1e-3, max_iterations=10**6).reconstruct(measured)
-    assert result.stop_reason == "max_time"
-    assert len(result.history) == 1
-
-
-def test_masked_pixels_and_dim_light_change_nothing(measured):
-    """Garbage under the mask does not count; everything is relative to the radiosity."""
-    usable = np.ones(measured.irradiance.shape, bool)
-    usable[:, 20:24, 30:34] = False
-    dirty, dim = measured.irradiance.copy(), SMALL.model_copy(update={"radiosity_W_m2": (0.01,)})
-    dirty[~usable] = 1e3
-    found = [
-        create("sfc", scene, max_iterations=5).reconstruct(CausticImage(image, None, usable)).heights_m
-        for scene, image in ((SMALL, measured.irradiance), (SMALL, dirty), (dim, dirty * np.float32(0.01)))
-    ]
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_allclose(found[0], found[2], atol=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("image", "initial", "error", "words"),
-    [
-        (np.ones((1, 32, 32)), None, MismatchError, r"\[1, 32, 32\]"),
-        (np.full((1, 64, 64), np.nan), None, InputError, "not finite"),
-        (np.zeros((1, 64, 64)), None, InputError, "nothing to see"),
-        (np.ones((1, 64, 64)), np.zeros((8, 8)), InputError, r"\[8, 8\]"),
-        (np.ones((1, 64, 64)), np.full((32, 32), -1.0), InputError, "cuts through"),
-    ],
-)
-def test_bad_images_are_refused(image, initial, error, words):
-    with pytest.raises(error, match=words):
-        create("sfc", SMALL).reconstruct(CausticImage(image), initial=initial)
 
 
 @pytest.mark.parametrize(

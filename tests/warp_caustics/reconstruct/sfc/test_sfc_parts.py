@@ -10,7 +10,7 @@ from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.pyramid import measurement_at
 from warp_caustics.reconstruct.sfc.constraints import estimated_mask, gather, grown, oracle_mask
-from warp_caustics.reconstruct.sfc.landweber import PixelUpdate, PlainUpdate, WaveletUpdate, curvature, data_term
+from warp_caustics.reconstruct.sfc.landweber import PixelUpdate, PlainUpdate, WaveletUpdate, curvature
 from warp_caustics.reconstruct.sfc.shrinkage import soft_shrink
 from warp_caustics.reconstruct.sfc.wavelets import WaveletBasis
 from warp_caustics.reconstruct.volume import VolumeBand, relief_volume
@@ -147,11 +147,11 @@ def test_gradient_of_the_data_term(kind):
     weight = torch.ones(1, 4, 4, dtype=torch.float64)
     weight[0, 0, :2] = 0
     measurement = Measurement(torch.zeros(1, 4, 4, dtype=torch.float64), weight, None)
-    data_term(image, measurement, kind).backward()
+    measurement.data_term(image, kind).backward()
     for row, column in ((0, 1), (2, 3), (3, 0)):
         delta = torch.zeros_like(image)
         delta[0, row, column] = 1e-6
-        up, down = (float(data_term(image.detach() + s * delta, measurement, kind)) for s in (1, -1))
+        up, down = (float(measurement.data_term(image.detach() + s * delta, kind)) for s in (1, -1))
         assert float(image.grad[0, row, column]) == pytest.approx((up - down) / 2e-6, abs=1e-8)
     assert float(image.grad.abs().sum()) > 0
 
@@ -164,8 +164,8 @@ def test_gradient_over_heights(kind):
     measurement = Measurement(simulator(truth), torch.ones(3, 64, 64), None)
     heights, direction = torch.from_numpy(1e-5 * random(32, 32, seed=1)), torch.from_numpy(random(32, 32, seed=2))
     leaf = heights.clone().requires_grad_()
-    data_term(simulator(leaf), measurement, kind).backward()
-    up, down = (float(data_term(simulator(heights + s * 1e-10 * direction), measurement, kind)) for s in (1, -1))
+    measurement.data_term(simulator(leaf), kind).backward()
+    up, down = (float(measurement.data_term(simulator(heights + s * 1e-10 * direction), kind)) for s in (1, -1))
     assert float((leaf.grad * direction).sum()) == pytest.approx((up - down) / 2e-10, rel=2e-3)
 
 
@@ -180,9 +180,9 @@ def test_curvature_bounds_the_step():
         heights = torch.from_numpy(1e-8 * random(32, 32)).float()
         for _ in range(20):
             leaf = heights.clone().requires_grad_()
-            data_term(simulator(leaf), measurement, "l2").backward()
+            measurement.data_term(simulator(leaf), "l2").backward()
             heights = heights - relative_step / largest * leaf.grad
-        return float(data_term(simulator(heights), measurement, "l2"))
+        return float(measurement.data_term(simulator(heights), "l2"))
 
     start = after(0.0)
     assert after(1.5) < start / 2

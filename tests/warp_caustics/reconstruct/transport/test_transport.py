@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import InputError
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
@@ -127,29 +127,6 @@ def test_a_start_is_taken_up():
     assert not from_truth.settings["from_flat"] and from_flat.settings["from_flat"]
 
 
-def test_interruption_returns_a_relief_and_its_image():
-    """Ctrl-C in the progress callback."""
-    truth = relief()
-    image = caustic(truth)
-    seen = []
-
-    def interrupt(progress):
-        seen.append(progress)
-        if len(seen) == 30:
-            raise KeyboardInterrupt
-
-    result = create("transport", SMALL).reconstruct(image, progress=interrupt)
-    assert result.stop_reason == "interrupted" and len(result.history) == 30
-    assert rmse(result, truth) < 0.5 * np.sqrt((truth**2).mean()) * 1e6
-    flat = np.linalg.norm(1 - image.irradiance) / np.linalg.norm(image.irradiance)
-    assert result.residual < flat
-
-
-def test_time_limit_is_kept():
-    result = create("transport", SMALL, max_time_s=1e-6).reconstruct(caustic(relief()))
-    assert result.stop_reason == "max_time" and len(result.history) == 1
-
-
 def test_light_that_cannot_be_carried_is_warned_of():
     """All light in one corner: no convergence in ten steps, out of reach of refraction, and said so."""
     spot = np.zeros((3, 128, 128))
@@ -173,26 +150,10 @@ def test_start_for_other_methods_is_on_record():
     np.testing.assert_array_equal(result.heights_m, refined.heights_m)
 
 
-ONES = np.ones((3, 128, 128))
-
-
 @pytest.mark.parametrize("method", ["transport", "hcccd"])
-@pytest.mark.parametrize(
-    ("image", "initial", "error", "words"),
-    [
-        (ONES[:, :64, :64], None, MismatchError, r"\[3, 64, 64\]"),
-        (ONES[:1], None, MismatchError, r"\[1, 128, 128\]"),
-        (ONES * np.nan, None, InputError, "not finite"),
-        (0 * ONES, None, InputError, "nothing to see"),
-        (1e-4 * ONES, None, InputError, "less than 0.01"),
-        (-ONES, None, InputError, "nothing to see"),
-        (ONES, np.zeros((8, 8)), InputError, r"\[8, 8\]"),
-        (ONES, np.full((32, 32), -1.0), InputError, "cuts through"),
-    ],
-)
-def test_bad_input_is_refused(method, image, initial, error, words):
-    with pytest.raises(error, match=words):
-        create(method, SMALL).reconstruct(CausticImage(image), initial=initial)
+def test_next_to_no_light_is_refused(method):
+    with pytest.raises(InputError, match="less than 0.01"):
+        create(method, SMALL).reconstruct(CausticImage(1e-4 * np.ones((3, 128, 128))))
 
 
 @pytest.mark.parametrize("method", ["transport", "hcccd"])

@@ -1,13 +1,14 @@
-"""This project's own networks."""
+"""This project's own networks, direct and unrolled, and the blocks and encodings that they share."""
 
 import pytest
 import torch
 
 from nets.architecture import build
 from nets.backbone import ResidualBlock, SelfAttention
+from nets.direct_net import DirectNet
 from nets.encoding import clipped_image, log_image, scaled_gradient, slopes
-from nets.modern import DirectNet, UnrolledUpdater, warm_start
-from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
+from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
+from nets.unrolled_net import UnrolledUpdater, warm_start
 from tests.nets.conftest import BACKBONE, KINDS, SCENE, inputs, scramble, unreached
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene

@@ -1,9 +1,9 @@
-"""This project's own networks: image to heights at once, and a learned step of an iterative scheme.
+"""``unrolled``: this project's own learned step of an iterative scheme, with a memory.
 
-Both turn images to the resolution of the height map by moving the m/n x m/n
-pixels above a height sample into channels, so nothing is lost, and run one
-:class:`nets.backbone.Backbone`. Inputs and outputs are physical quantities in
-SI units and float32; under autocast only the backbone runs in lower precision.
+Images come to the resolution of the height map by moving the m/n x m/n pixels
+above a height sample into channels, so nothing is lost. Inputs and outputs are
+physical quantities in SI units and float32; under autocast only the
+:class:`nets.backbone.Backbone` runs in lower precision.
 """
 
 from typing import NamedTuple
@@ -12,10 +12,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from nets.backbone import Backbone, group_norm, zeroed
+from nets.backbone import Backbone, Head, zeroed
+from nets.direct_net import DirectNet
 from nets.encoding import clipped_image, flat_irradiance, full_precision, log_image, scaled_gradient, slopes
-from nets.modern_config import DirectConfig, UnrolledConfig
+from nets.input_shapes import check_heights, check_image
 from nets.padding import resolution_ratio
+from nets.residual_config import UnrolledConfig
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 
@@ -27,72 +29,6 @@ class Update(NamedTuple):
     """Improved heights, shape [B, n, n] [m]."""
     hidden: torch.Tensor | None
     """Memory for the next step, shape [B, c, n, n]; None for a network without."""
-
-
-class Head(nn.Module):
-    """Normalise, SiLU, 3 x 3 convolution, always in float32; shape [B, c_in, n, n] -> [B, c_out, n, n].
-
-    Starts at zero. bfloat16 would round a height of 2 mm by up to 4 um.
-    """
-
-    def __init__(self, c_in: int, c_out: int):
-        super().__init__()
-        self.norm = group_norm(c_in)
-        self.conv = zeroed(nn.Conv2d(c_in, c_out, 3, padding=1))
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        with full_precision(x):
-            y: torch.Tensor = self.conv(functional.silu(self.norm(x.float())))
-        return y
-
-
-class DirectNet(nn.Module):
-    """Heights from one image, without a simulator.
-
-    Input channels per height sample: log((I + eps) / (1 + eps)) and the raw
-    image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
-    n_w wavelengths each. A fresh network answers with a flat plate.
-
-    Args:
-        config: architecture.
-        scene: number of wavelengths, m/n, light of a flat plate.
-
-    Raises:
-        InputError: m is no multiple of n.
-    """
-
-    flat: torch.Tensor
-
-    def __init__(self, config: DirectConfig, scene: Scene):
-        super().__init__()
-        self.config, self.scene = config, scene
-        self.ratio = resolution_ratio(scene.image_pixels, scene.height_samples)
-        width = config.backbone.widths[0]
-        self.register_buffer("flat", flat_irradiance(scene), persistent=False)
-        self.stem = nn.Conv2d(2 * scene.n_wavelengths * self.ratio**2, width, 3, padding=1)
-        self.backbone = Backbone(config.backbone)
-        self.head = Head(width, 1)
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Estimate heights.
-
-        Args:
-            image: irradiance, shape [B, n_w, m, m] [W/m^2].
-
-        Returns:
-            Relief, shape [B, n, n] [m].
-        """
-        check_image(image, self.scene, "image")
-        encoding = self.config.encoding
-        with full_precision(image):
-            relative = image.float() / self.flat
-            encoded = (
-                log_image(relative, encoding.log_floor),
-                clipped_image(relative, encoding.irradiance_clip),
-            )
-            x = functional.pixel_unshuffle(torch.cat(encoded, dim=1), self.ratio)
-        heights: torch.Tensor = self.head(self.backbone(self.stem(x)))[:, 0] * encoding.height_unit_m
-        return heights
 
 
 class UnrolledUpdater(nn.Module):
@@ -233,40 +169,3 @@ def warm_start(updater: UnrolledUpdater, direct: DirectNet, *, keep_head: bool) 
         nn.init.zeros_(updater.step_embedding.weight)
     if not keep_head:
         zeroed(updater.head.conv)
-
-
-def check_image(image: torch.Tensor, scene: Scene, name: str) -> None:
-    """Refuse an image that is not of the scene; one channel must never broadcast into three.
-
-    Args:
-        image: should have shape [B, n_w, m, m].
-        scene: what the network was built for.
-        name: of the image, for the message.
-
-    Raises:
-        MismatchError: another shape.
-    """
-    _check_shape(image, (scene.n_wavelengths, scene.image_pixels, scene.image_pixels), name)
-
-
-def check_heights(heights: torch.Tensor, scene: Scene, name: str) -> None:
-    """Refuse a height map that is not of the scene.
-
-    Args:
-        heights: should have shape [B, n, n].
-        scene: what the network was built for.
-        name: of the map, for the message.
-
-    Raises:
-        MismatchError: another shape.
-    """
-    _check_shape(heights, (scene.height_samples, scene.height_samples), name)
-
-
-def _check_shape(x: torch.Tensor, expected: tuple[int, ...], name: str) -> None:
-    if x.ndim != len(expected) + 1 or tuple(x.shape[1:]) != expected:
-        wanted = ", ".join(("B", *map(str, expected)))
-        raise MismatchError(
-            f"{name} has shape {list(x.shape)}, the network was built for [{wanted}]; "
-            "use a network for this scene, or resample"
-        )

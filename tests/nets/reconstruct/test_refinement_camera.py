@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from nets.reconstruct.methods import create
-from nets.reconstruct.polish import Polish, PolishOptions
-from nets.reconstruct.record import Resimulation
+from nets.reconstruct.refinement import Refinement, RefinementOptions
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
@@ -52,11 +52,11 @@ def seen_by_camera(blur=(0, 0, 0), apart=0.0):
 
 def refined(image, start, is_known=True, spread=None):
     """Error before and after [m]; with the camera that is found, or as if there were none."""
-    polish = Polish(SCENE, PolishOptions(refine_iterations=40, refine_pixels=128), CPU)
+    refinement = Refinement(SCENE, RefinementOptions(refine_iterations=40, refine_pixels=128), CPU)
     judge = Resimulation(CausticSimulator(SCENE), image)
     if is_known:
         judge = judge.through(judge.found_camera(start))
-    found = polish(judge, start, 0.0, None, spread)
+    found = refinement(judge, start, 0.0, None, spread)
     return [float(np.sqrt(np.mean((heights - plate()) ** 2))) for heights in (start, found.heights)], found, judge
 
 

@@ -1,4 +1,4 @@
-"""Symmetries act on plate and image together."""
+"""Symmetries act on plate and image together; averaging over all of them."""
 
 import pytest
 import torch
@@ -6,16 +6,17 @@ import torch
 from data_gen.config import ReliefConfig
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
-from nets.training.augment import draw_symmetries, scene_symmetries, transformed
-from nets.training.config import PhotonVariant
+from nets.symmetries import all_symmetries, draw_symmetries, scene_symmetries, seen_in, transformed, turned_back
 from nets.training.imaging import Imager
 from nets.training.keys import step_generator
+from nets.unrolling_config import PhotonVariant
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
 CPU = torch.device("cpu")
 SCENE = Scene(height_samples=16, image_pixels=64)
 ALL = torch.tensor([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=torch.bool).T
+MAPS = torch.rand(3, 6, 6, generator=torch.Generator().manual_seed(1))
 FAR = SCENE.model_copy(update={"screen_position_m": (0.0, 0.0, -0.03)})
 
 
@@ -65,3 +66,42 @@ def test_only_symmetries_of_the_scene_are_drawn(changes, expected):
     drawn = draw_symmetries(200, scene, step_generator(0, "symmetries", 0, 0, CPU))
     assert tuple(bool(row.any()) for row in drawn) == expected
     assert not drawn.all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "count"),
+    [
+        ({}, 8),
+        ({"plate_size_m": (0.05, 0.04)}, 4),
+        ({"screen_position_m": (1e-3, 0.0, -1e-6)}, 2),
+        ({"screen_position_m": (1e-3, 1e-3, -1e-6)}, 1),
+        ({"emission_half_angle_rad": 0.1, "light_position_m": (0.0, 0.01, 1.0)}, 2),
+    ],
+)
+def test_only_symmetries_that_the_scene_has(changes, count):
+    symmetries = all_symmetries(Scene(**changes))
+    assert symmetries.shape == (3, count)
+    assert not symmetries[:, 0].any()
+    assert len({tuple(column) for column in symmetries.T.tolist()}) == count
+
+
+def test_all_eight_differ_and_turn_back():
+    symmetries = all_symmetries(Scene())
+    seen = seen_in(MAPS, symmetries)
+    assert all(not torch.equal(seen[a], seen[b]) for a in range(8) for b in range(a))
+    assert torch.equal(turned_back(seen, symmetries), MAPS.expand(8, -1, -1, -1))
+
+
+def test_mean_of_an_equivariant_network_is_its_answer():
+    """A 3 x 3 mean commutes with turns and flips; a shift by one does not, and its mean differs."""
+    symmetries = all_symmetries(Scene())
+
+    def blurred(x):
+        return torch.nn.functional.avg_pool2d(x, 3, 1, 1)
+
+    def shifted(x):
+        return x.roll(1, dims=-1)
+
+    for network, is_equal in ((blurred, True), (shifted, False)):
+        mean = turned_back(network(seen_in(MAPS, symmetries)), symmetries).mean(0)
+        assert torch.allclose(mean, network(MAPS[None])[0], atol=1e-6) == is_equal

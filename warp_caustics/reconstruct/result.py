@@ -1,44 +1,24 @@
-"""What all methods with networks do around them: prepare the image, explain the result."""
+"""The result of a reconstruction: its caustic simulated again, what that leaves of the image, and where light went."""
 
 import time
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from nets.encoding import flat_irradiance
+from warp_caustics.data_gradient import possible_heights
 from warp_caustics.energy import energy_budget
-from warp_caustics.reconstruct.base import DEEPEST_FRACTION, CausticImage, Reconstruction, StopReason
-from warp_caustics.reconstruct.exposure import NOTICED, agreed, at_nominal, is_exposure, light_ratio, warning
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
+from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
 from warp_caustics.reconstruct.pyramid import measurement_at
-from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, repaired
+from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.channel_registration import registered
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
-
-BAD_RESIDUAL = 0.4
-"""Own fields of Tab. 3 end below 0.3; more means that the network does not know such images."""
-
-KNOWN_EXPOSURE = 0.05
-"""Deviations that networks are trained with."""
-
-
-def network_image(image: CausticImage, scene: Scene, trained: Scene, device: torch.device) -> torch.Tensor:
-    """The image in the brightness that a network knows, shape [n_w, m, m] [W/m^2], float32.
-
-    Pixels that do not count (saturated, dead) take the mean of their neighbours that do, or stay if brighter.
-
-    Args:
-        image: what was measured.
-        scene: of the measurement.
-        trained: scene of the network.
-        device: where to put it.
-    """
-    measured = torch.as_tensor(repaired(image), dtype=torch.float32, device=device)
-    return measured * (flat_irradiance(trained) / flat_irradiance(scene)).to(device)
 
 
 class Resimulated(NamedTuple):
@@ -113,17 +93,17 @@ class Resimulation:
             seen._blur = blur_matrices(camera.pixels, camera.blur, device)
         return seen
 
-    def exposed(self, heights: FloatArray | None = None) -> "Resimulation":
+    def exposed(self, heights: FloatArray | None = None, least: float = LEAST_EXPOSURE_ERROR) -> "Resimulation":
         """The same with the exposure that a relief's light tells.
 
         Args:
-            heights: relief [m], shape [n, n]. None takes a flat plate, and only what networks do not know: they have
-                seen 5 %, and a relief may send more light than a flat plate beside the screen.
+            heights: relief [m], shape [n, n]; a flat plate if None, but a relief may send more light beside the screen.
+            least: smaller deviations are left alone.
         """
         ratio = light_ratio(self.measurement)
         if heights is not None:
-            ratio = agreed(light_ratio(self.measurement, self(heights).image / self._radiosity), ratio)
-        if not is_exposure(ratio, KNOWN_EXPOSURE if heights is None else NOTICED):
+            ratio = agreed_ratio(light_ratio(self.measurement, self(heights).image / self._radiosity), ratio)
+        if not is_exposure(ratio, least):
             return self
         return Resimulation(self.simulator, self._given, self.exposure * ratio)
 
@@ -133,12 +113,12 @@ class Resimulation:
 
 
 def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:
-    """Heights that leave some plate: a network may answer anything, the simulator wants glass."""
-    finite: FloatArray = np.nan_to_num(heights.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.maximum(finite, -DEEPEST_FRACTION * scene.base_thickness_m)
+    """Heights that leave some plate, float64: a network may answer anything, the simulator wants glass."""
+    possible: FloatArray = possible_heights(torch.tensor(heights, dtype=torch.float64), scene).numpy()
+    return possible
 
 
-def finished(
+def make_result(
     method: str,
     resimulation: Resimulation,
     heights: FloatArray,
@@ -148,11 +128,12 @@ def finished(
     timings: dict[str, float],
     counters: dict[str, Any],
     settings: dict[str, Any],
-    warnings: list[str],
+    warnings: Iterable[str],
+    advice: Callable[[float], Iterable[str]] | None = None,
     uncertainty: FloatArray | None = None,
     iterates: FloatArray | None = None,
 ) -> Reconstruction:
-    """The record of a result, with its caustic simulated at all pixels.
+    """The record of a result: simulated at all pixels, by the lattice, whatever it was found with.
 
     Args:
         method: its name.
@@ -163,36 +144,28 @@ def finished(
         history: of iterations.
         timings: wall time of parts [s].
         counters: what happened.
-        settings: to repeat the run.
+        settings: to repeat the run; "simulation" is the resimulation's unless it is among them.
         warnings: for the user.
+        advice: what a relative residual tells the user besides.
         uncertainty: standard uncertainty [m], shape [n, n].
         iterates: heights after each iteration [m], shape [K + 1, n, n].
     """
     started = time.perf_counter()
     simulated, residual = resimulation(heights)
     simulator = resimulation.simulator
-    if residual > BAD_RESIDUAL and reason != "interrupted":
-        warnings = [
-            *warnings,
-            f"the result explains the image to {residual:.0%} only, printed reliefs as in training to better than "
-            f"{BAD_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine",
-        ]
-    told = warning(resimulation.exposure)
-    if told is not None and told not in warnings:
-        warnings = [*warnings, told]
+    image = simulated.cpu().numpy() * resimulation.exposure.astype(np.float32)[:, None, None]
+    energy = energy_budget(simulator, resimulation.relief(heights))
     return Reconstruction(
         method=method,
         heights_m=heights,
-        image=simulated.cpu().numpy() * resimulation.exposure.astype(np.float32)[:, None, None],
+        image=image,
         residual=residual,
         stop_reason=reason,
         history=history,
         timings_s=timings | {"resimulation": time.perf_counter() - started},
-        counters=counters
-        | {"exposure": resimulation.exposure.tolist()}
-        | {"energy": energy_budget(simulator, resimulation.relief(heights))},
-        settings=settings | {"simulation": simulator.settings()},
-        warnings=tuple(warnings),
+        counters=counters | {"energy": energy},
+        settings={"simulation": simulator.settings()} | settings,
+        warnings=(*warnings, *(() if advice is None else advice(residual))),
         uncertainty_m=uncertainty,
         iterates_m=iterates,
     )

@@ -1,9 +1,9 @@
-"""A few steps of ``refine`` after a network: down the exact model from a start that is nearly right.
+"""The refinement that ends a method with networks: a few steps of the height descent of ``refine``.
 
-The network leaves the edges of lines a little off, which the image shows
-clearly. Where a fold was missed, descent does not find it (docs/refine.md), but
-small steps do little harm; what does not lower the residual of all pixels is
-thrown away.
+Down the exact model from a start that is nearly right: the network leaves the
+edges of lines a little off, which the image shows clearly. Where a fold was
+missed, descent does not find it (docs/refine.md), but small steps do little
+harm; what does not lower the residual of all pixels is thrown away.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from typing import Annotated, Any, Self
 import torch
 from pydantic import Field
 
-from nets.reconstruct.record import Resimulation
 from warp_caustics.reconstruct.base import ProgressCallback, StopReason
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
-from warp_caustics.reconstruct.refine.descent_record import DescentRecord, StopDescent
 from warp_caustics.reconstruct.refine.height_descent import HeightDescent
 from warp_caustics.reconstruct.refine.options import RefineOptions
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.run_log import RunLog, note_evaluation, why_stopped
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.strict import Strict
@@ -42,7 +42,7 @@ LEAST_GAIN_BESIDE_CAMERA = 0.06
 with a blur of 1 px, became 2.4 um wrong while the residual fell by 5 %; plates 9 to 30 um wrong mostly fall by more."""
 
 
-class PolishOptions(Strict):
+class RefinementOptions(Strict):
     """Settings of the refinement at the end, and of what every method with networks shares."""
 
     weights: str | None = None
@@ -71,7 +71,7 @@ class PolishOptions(Strict):
 
 
 @dataclass(frozen=True)
-class Polished:
+class Refined:
     """What a refinement gave.
 
     Attributes:
@@ -87,7 +87,7 @@ class Polished:
     history: list[dict[str, Any]]
 
 
-class Polish:
+class Refinement:
     """Refines reliefs of one scene, image after image.
 
     At one image size: from a start this near, coarser ones would only blur.
@@ -98,7 +98,7 @@ class Polish:
         device: where to simulate.
     """
 
-    def __init__(self, scene: Scene, options: PolishOptions, device: torch.device):
+    def __init__(self, scene: Scene, options: RefinementOptions, device: torch.device):
         self.scene, self.options, self.device = scene, options.on(device.type), device
         self.pixels = options.pixels_on(device.type, scene)
         level_sizes(scene.image_pixels, self.pixels, self.pixels)  # refuses a size that does not divide
@@ -117,7 +117,7 @@ class Polish:
         elapsed_s: float,
         progress: ProgressCallback | None,
         spread: FloatArray | None = None,
-    ) -> Polished | None:
+    ) -> Refined | None:
         """Refine a relief; None where no time is left.
 
         Ctrl-C ends it with the best so far.
@@ -134,30 +134,28 @@ class Polish:
         left = None if self.options.max_time_s is None else self.options.max_time_s - elapsed_s
         if left is not None and left <= 0:
             return None
-        record = DescentRecord(self._descent.steps, progress, self.refine.discrepancy, left)
+        log = RunLog(self._descent.steps, progress, left, self.refine.discrepancy)
         before, camera = resimulation(heights).residual, resimulation.camera
         measurement = measurement_at(
             resimulation.image, self.scene, self.pixels, self.device, self.refine.border_pixels
         )
         blur = blur_matrices(self.pixels, camera.blur_at(self.pixels), self.device) if camera.blurs else None
-        note = partial(record.note, f"{self.pixels} x {self.pixels} pixels")
+        note = partial(note_evaluation, log, f"{self.pixels} x {self.pixels} pixels")
         reason: StopReason = "max_iterations"
         try:
             self._descent.run(measurement, heights, note, blur)
-        except StopDescent as stop:
-            reason = stop.reason
-        except KeyboardInterrupt:
-            reason = "interrupted"
+        except KeyboardInterrupt as stop:
+            reason = why_stopped(stop)
         found = self._descent.best_heights()
         if spread is not None:
             trusted = TRUSTED_M if camera.is_perfect else TRUSTED_BESIDE_CAMERA_M
             found = heights + (found - heights) * spread**2 / (spread**2 + trusted**2)
         least_gain = 0.0 if camera.is_perfect else LEAST_GAIN_BESIDE_CAMERA
         is_better = resimulation(found).residual < (1 - least_gain) * before
-        return Polished(found if is_better else heights, is_better, reason, record.history)
+        return Refined(found if is_better else heights, is_better, reason, log.history)
 
 
-def outcome(found: Polished | None) -> str:
+def outcome(found: Refined | None) -> str:
     """What became of a refinement, for the record."""
     if found is None:
         return "no time left"

@@ -1,4 +1,4 @@
-"""Configuration of this project's own networks, and their presets by size.
+"""Configuration of the residual networks, this project's own (``direct`` and ``unrolled``), and their presets by size.
 
 They are not of the paper's family (:mod:`nets.config`): residual blocks with
 normalisation, images encoded by their logarithm, and all work at the
@@ -77,7 +77,7 @@ SMALL = BackboneConfig(widths=(32, 48, 64, 96, 96), depths=(2, 2, 2, 2, 1), atte
 MEDIUM = BackboneConfig(widths=(64, 96, 128, 160, 192), depths=(2, 2, 2, 2, 2), attention_levels=_ATTENTION)
 LARGE = BackboneConfig(widths=(96, 128, 192, 256, 288), depths=(2, 2, 2, 2, 2), attention_levels=_ATTENTION)
 
-MODERN_PRESETS: dict[str, DirectConfig | UnrolledConfig] = {
+RESIDUAL_PRESETS: dict[str, DirectConfig | UnrolledConfig] = {
     "direct-small": DirectConfig(backbone=SMALL),
     "direct": DirectConfig(backbone=MEDIUM),
     "direct-large": DirectConfig(backbone=LARGE),

@@ -1,0 +1,67 @@
+"""``direct``: this project's own network from an image to heights at once.
+
+Images come to the resolution of the height map by moving the m/n x m/n pixels
+above a height sample into channels, so nothing is lost. Inputs and outputs are
+physical quantities in SI units and float32; under autocast only the
+:class:`nets.backbone.Backbone` runs in lower precision.
+"""
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from nets.backbone import Backbone, Head
+from nets.encoding import clipped_image, flat_irradiance, full_precision, log_image
+from nets.input_shapes import check_image
+from nets.padding import resolution_ratio
+from nets.residual_config import DirectConfig
+from warp_caustics.scene import Scene
+
+
+class DirectNet(nn.Module):
+    """Heights from one image, without a simulator.
+
+    Input channels per height sample: log((I + eps) / (1 + eps)) and the raw
+    image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
+    n_w wavelengths each. A fresh network answers with a flat plate.
+
+    Args:
+        config: architecture.
+        scene: number of wavelengths, m/n, light of a flat plate.
+
+    Raises:
+        InputError: m is no multiple of n.
+    """
+
+    flat: torch.Tensor
+
+    def __init__(self, config: DirectConfig, scene: Scene):
+        super().__init__()
+        self.config, self.scene = config, scene
+        self.ratio = resolution_ratio(scene.image_pixels, scene.height_samples)
+        width = config.backbone.widths[0]
+        self.register_buffer("flat", flat_irradiance(scene), persistent=False)
+        self.stem = nn.Conv2d(2 * scene.n_wavelengths * self.ratio**2, width, 3, padding=1)
+        self.backbone = Backbone(config.backbone)
+        self.head = Head(width, 1)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """Estimate heights.
+
+        Args:
+            image: irradiance, shape [B, n_w, m, m] [W/m^2].
+
+        Returns:
+            Relief, shape [B, n, n] [m].
+        """
+        check_image(image, self.scene, "image")
+        encoding = self.config.encoding
+        with full_precision(image):
+            relative = image.float() / self.flat
+            encoded = (
+                log_image(relative, encoding.log_floor),
+                clipped_image(relative, encoding.irradiance_clip),
+            )
+            x = functional.pixel_unshuffle(torch.cat(encoded, dim=1), self.ratio)
+        heights: torch.Tensor = self.head(self.backbone(self.stem(x)))[:, 0] * encoding.height_unit_m
+        return heights

@@ -1,0 +1,86 @@
+"""A relief simulated again: record, exposure, what is kept."""
+
+import numpy as np
+import pytest
+import torch
+
+from warp_caustics import CausticSimulator, Scene
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation, as_glass, make_result
+
+SCENE = Scene(height_samples=16, image_pixels=32, radiosity_W_m2=(1.0, 2.0, 0.5))
+EXPOSURE = np.array([0.5, 1.0, 2.0])
+
+
+def bump(height_m):
+    x = np.linspace(-1, 1, 16)
+    return height_m * np.exp(-20 * (x[None] ** 2 + x[:, None] ** 2))
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return CausticSimulator(SCENE)
+
+
+@pytest.fixture(scope="module")
+def image(simulator):
+    """Of a bump, at another exposure."""
+    caustic = simulator(torch.tensor(bump(3e-4), dtype=torch.float32)).numpy()
+    return CausticImage(caustic * EXPOSURE.astype(np.float32)[:, None, None])
+
+
+def result_of(resimulation, heights, **changes):
+    record = {
+        "reason": "converged",
+        "history": [],
+        "timings": {"search": 1.0},
+        "counters": {"steps": 3},
+        "settings": {"step": 0.1},
+        "warnings": ["first"],
+    }
+    return make_result("test", resimulation, heights, **(record | changes))
+
+
+def test_the_truth_leaves_nothing_of_its_image(simulator, image):
+    """At its exposure; the stored caustic is at that of the image."""
+    found = result_of(Resimulation(simulator, image, EXPOSURE), bump(3e-4))
+    assert found.residual == pytest.approx(0, abs=1e-6)
+    np.testing.assert_allclose(found.image, image.irradiance, rtol=1e-6)
+    assert found.counters["steps"] == 3 and found.counters["energy"]["landed"]
+    assert set(found.timings_s) == {"search", "resimulation"}
+    believed = Resimulation(simulator, image)
+    assert result_of(believed, bump(3e-4)).residual > 0.3
+    np.testing.assert_allclose(believed.exposed(bump(3e-4)).exposure, EXPOSURE, rtol=1e-5)
+    assert believed.exposed(least=3.0) is believed
+
+
+def test_advice_hears_the_residual_and_settings_win(simulator, image):
+    resimulation, told = Resimulation(simulator, image, EXPOSURE), []
+    found = result_of(
+        resimulation,
+        np.zeros((16, 16)),
+        settings={"simulation": "its own"},
+        advice=lambda residual: told.append(residual) or [f"{residual:.0%}"],
+    )
+    assert told == [found.residual] and found.warnings == ("first", f"{found.residual:.0%}")
+    assert found.settings["simulation"] == "its own"
+    assert result_of(resimulation, bump(1e-4)).settings["simulation"]["preset"] == "lattice"
+
+
+def test_a_relief_that_was_asked_for_lately_is_not_simulated_again(simulator, image):
+    resimulation, heights = Resimulation(simulator, image), bump(1e-4)
+    first = resimulation(heights).image
+    assert resimulation(heights).image is first
+    others = [bump(k * 1e-5) for k in range(resimulation.REMEMBERED)]
+    for other in others:
+        resimulation(other)
+    assert resimulation(heights).image is not first
+
+
+def test_what_a_network_says_leaves_some_plate():
+    wild = np.full((16, 16), np.nan, dtype=np.float32)
+    wild[0, :3] = -1.0, np.inf, 1e-4
+    glass = as_glass(wild, SCENE)
+    assert glass.dtype == np.float64 and np.isfinite(glass).all()
+    assert glass.min() == pytest.approx(-0.9 * SCENE.base_thickness_m) and glass[0, 2] == pytest.approx(1e-4)
+    assert np.isnan(wild[1, 1]), "what is given stays what it is"
