@@ -167,7 +167,7 @@ def test_the_section_of_the_lines_reaches_the_verdict(fake, inputs, lines_csv, t
         assert inspection.fibres[0].volume_m3 == pytest.approx(inspection.nominal_volume_m3)
     record = json.loads((tmp_path / "b" / "inspection.json").read_text())
     assert "of section 'quarter'" in record["design"]
-    assert "section" not in json.loads((tmp_path / "a" / "inspection.json").read_text())["design"]
+    assert "of section" not in json.loads((tmp_path / "a" / "inspection.json").read_text())["design"]
 
 
 @pytest.mark.slow

@@ -199,7 +199,7 @@ def test_uncertainty_grows_with_the_spread_and_has_a_floor():
 
 
 def test_lines_of_another_section_are_looked_for_with_it(method, simulator):
-    """Fibres that are steep at their edges; taken for raised cosines they would leave more than noise."""
+    """Fibres that are steep at their edges; raised cosines come near them only with other widths and heights."""
     plate = Nominal.of_lines(TWO, SCENE, "quarter")
     image = image_of(plate.relief_m, simulator)
     method.free = Free(plate.relief_m + 2e-6, np.full((32, 32), 1e-6))
@@ -207,6 +207,7 @@ def test_lines_of_another_section_are_looked_for_with_it(method, simulator):
     found = method.reconstruct(image, plate)
     assert found.reconstruction.counters["explained_by_lines"]
     assert np.abs(found.reconstruction.heights_m - plate.relief_m).max() < 5e-6
-    assert all(abs(fit.height_error_m) < 2e-6 for fit in found.lines)
-    taken = method.reconstruct(image, Nominal(plate.relief_m, plate.lines)).reconstruction
-    assert not taken.counters["explained_by_lines"]
+    assert all(abs(fit.height_error_m) < 5e-6 for fit in found.lines)
+    taken = method.reconstruct(image, Nominal(plate.relief_m, plate.lines))
+    assert taken.reconstruction.counters["discrepancy"] > 5 * found.reconstruction.counters["discrepancy"]
+    assert max(abs(fit.height_error_m) for fit in taken.lines) > 2e-5
