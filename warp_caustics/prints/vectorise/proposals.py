@@ -53,10 +53,17 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, floa
     found = []
     for k, angle in enumerate(angles):
         first, last = _run(along[k] > RIDGE_END_SHARE * top)
-        width = np.subtract(*_run(across[k] > 0.5 * top)[::-1]) * pitch / 2
-        length = (last - first) * pitch / 2
+        steps_across = int(np.subtract(*_run(across[k] > 0.5 * top)[::-1]))
+        # Counted in steps, equally long ridges are equal; lengths would be rounded.
         found.append(
-            (length - width, angle, steps[first] * pitch, steps[last] * pitch, width, along[k, first : last + 1])
+            (
+                last - first - steps_across,
+                angle,
+                steps[first] * pitch,
+                steps[last] * pitch,
+                steps_across * pitch / 2,
+                along[k, first : last + 1],
+            )
         )
     found.sort(key=lambda candidate: candidate[:2], reverse=True)
     kept = [found[0]]

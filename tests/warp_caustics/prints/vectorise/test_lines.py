@@ -11,6 +11,7 @@ from warp_caustics.prints.fit import fit_lines
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.prints.vectorise.moves import LineSet, joined_line
+from warp_caustics.prints.vectorise.proposals import proposed_lines
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=64, image_pixels=64)
@@ -127,3 +128,11 @@ def test_lines_that_do_not_continue_each_other_stay_apart():
     assert joined_line(a, b + aside) is None
     assert joined_line(a, b + bent) is None
     assert joined_line(a, b + away) is None
+
+
+def test_ridges_of_one_length_are_proposed_in_one_order_whatever_the_size_of_a_cell():
+    """Ties were broken by rounding where a cell's size is no short binary number, and fits went other ways."""
+    residual = relief_of(LINES).double().numpy()
+    ends = [proposed_lines(residual, (size, size), 8)[:, :4] / size for size in (0.05, 0.0625, 0.07)]
+    for others in ends[1:]:
+        np.testing.assert_allclose(others, ends[0], atol=1e-12)
