@@ -22,17 +22,13 @@ import torch
 
 from data_gen.config import ReliefConfig
 from data_gen.patterns import draw_strokes
-from nets.inspection.from_design import FromDesign
-from warp_caustics.inspection.compare import inspect_plate
-from warp_caustics.inspection.design import Design, with_lines
-from warp_caustics.inspection.fibres import fibre_findings
+from nets.inspection.from_nominal import FromNominal
+from warp_caustics.capture.radiometric import Capture, capture_to_irradiance
 from warp_caustics.inspection.findings import Inspection
+from warp_caustics.inspection.judge import judge_plate
+from warp_caustics.inspection.nominal import Nominal, with_lines
 from warp_caustics.io.image_file import ImageFile
-from warp_caustics.prints.fit import FittedLine, shifted
-from warp_caustics.prints.line import Line, line_relief
-from warp_caustics.prints.tolerance import line_limit
-
-from warp_caustics.capture.radiometric import Capture, capture_to_irradiance  # isort: skip
+from warp_caustics.prints.line import Line, line_relief, moved_across
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -87,7 +83,7 @@ def printed_plate(k: int, defect: str | None, scene: Scene, simulator: CausticSi
         elif defect == "too high":
             printed[i] = replace(line, height_m=line.height_m + EXCESS_M)
         else:
-            printed[i] = shifted(line, SHIFT_M, SHIFT_M)
+            printed[i] = moved_across(line, SHIFT_M, SHIFT_M)
     truth = line_relief(printed, scene.height_samples, scene.plate_size_m)
     light = simulator(torch.tensor(truth, dtype=torch.float32)).cpu().numpy().astype(np.float64)
     return Plate(designed, printed, defect, number, truth, photographed(light, scene, k))
@@ -110,16 +106,15 @@ def photographed(light: np.ndarray, scene: Scene, seed: int) -> Capture:
     return capture_to_irradiance(frame(light, 0), scene=scene, dark=dark, flat=flat)
 
 
-def inspected(
-    plate: Plate, method: FromDesign, scene: Scene, lines: Sequence[Line]
-) -> tuple[Inspection, dict[str, Any]]:
+def inspected(plate: Plate, method: FromNominal, scene: Scene, nominal: Nominal) -> tuple[Inspection, dict[str, Any]]:
     image = CausticImage(plate.capture.irradiance, plate.capture.noise_std, plate.capture.mask)
-    nominal = line_relief(plate.designed, scene.height_samples, scene.plate_size_m)
     started = time.perf_counter()
-    found = method.reconstruct(image, nominal, lines)
+    found = method.reconstruct(image, nominal)
     seconds = time.perf_counter() - started
     result = found.reconstruction
-    judged = judge(plate, nominal, scene, result.heights_m, result.uncertainty_m, found.lines, lines)
+    judged = judge_plate(
+        result.heights_m, nominal, scene, TOLERANCE_M, sigma_m=result.uncertainty_m, fitted=found.lines
+    )
     error = np.abs(result.heights_m - plate.truth_m)
     assert result.uncertainty_m is not None
     return judged, {
@@ -138,32 +133,6 @@ def inspected(
 def share(holds: np.ndarray, among: np.ndarray) -> float:
     """Of the cells ``among``, those where something holds; 1 where there are none."""
     return float(holds[among].mean()) if among.any() else 1.0
-
-
-def judge(
-    plate: Plate,
-    nominal: np.ndarray,
-    scene: Scene,
-    heights: np.ndarray,
-    sigma: np.ndarray | None,
-    fitted: Sequence[FittedLine],
-    lines: Sequence[Line],
-) -> Inspection:
-    if not lines:
-        return inspect_plate(heights, nominal, scene, TOLERANCE_M, sigma_m=sigma)
-    limit = line_limit(lines, scene.height_samples, scene.plate_size_m, TOLERANCE_M)
-    first = inspect_plate(heights, nominal, scene, TOLERANCE_M, sigma_m=sigma, limit_m=limit)
-    assert first.limit_m is not None
-    fibres = fibre_findings(
-        lines,
-        fitted,
-        first.out_of_tolerance,
-        first.deviation_m,
-        first.limit_m,
-        TOLERANCE_M,
-        scene.plate_size_m,
-    )
-    return inspect_plate(heights, nominal, scene, TOLERANCE_M, sigma_m=sigma, fibres=fibres, limit_m=limit)
 
 
 def scored(plate: Plate, found: Inspection) -> dict[str, Any]:
@@ -208,28 +177,26 @@ def main() -> None:
     arguments = parser.parse_args()
     scene = Scene()
     simulator = CausticSimulator(scene, "lattice", n_photons=PHOTONS, device=arguments.device)
-    method = FromDesign(scene, device=arguments.device)
+    method = FromNominal(scene, device=arguments.device)
     kinds = [kind for _ in range(arguments.defects) for kind in DEFECTS]
     bad = [(100 + k, kind) for k, kind in enumerate(kinds)]
     jobs = [*bad[: len(DEFECTS)], *((k, None) for k in range(arguments.good)), *bad[len(DEFECTS) :]]
     rows = []
     for k, defect in jobs:
         plate = printed_plate(arguments.first + k, defect, scene, simulator)
-        lines: Sequence[Line] = plate.designed
+        nominal = Nominal.of_lines(plate.designed, scene)
         if arguments.map:
-            design = Design(line_relief(plate.designed, scene.height_samples, scene.plate_size_m), (), "")
-            lines = with_lines(design, "", scene).lines if arguments.find_lines else ()
-        found, figures = inspected(plate, method, scene, lines)
+            nominal = Nominal(nominal.relief_m)
+            nominal = with_lines(nominal, "", scene) if arguments.find_lines else nominal
+        found, figures = inspected(plate, method, scene, nominal)
         rows.append({"plate": arguments.first + k, **scored(plate, found), **figures})
         print(json.dumps(rows[-1]), flush=True)
         if arguments.json:
             arguments.json.write_text(json.dumps({"map": arguments.map, "plates": rows}, indent=1) + "\n")
         if arguments.picture:
-            from cli.inspection.figure import inspection_figure
-
             arguments.picture.mkdir(exist_ok=True)
-            name = f"plate {arguments.first + k} ({defect or 'good'})"
-            inspection_figure(found, scene, name).savefig(arguments.picture / f"{arguments.first + k}.png")
+            name = f"plate {arguments.first + k} ({defect or 'good'}): {found.verdict}"
+            draw(found, name, arguments.picture / f"{arguments.first + k}.png")
             np.savez_compressed(
                 arguments.picture / f"{arguments.first + k}.npz",
                 deviation_m=found.deviation_m,
@@ -239,6 +206,32 @@ def main() -> None:
                 undecided=found.undecided,
             )
     report(rows)
+
+
+def draw(found: Inspection, title: str, path: Path) -> None:
+    """Picture of nominal and measured relief and their difference, out of tolerance outlined."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 3, figsize=(15, 4.9), layout="constrained")
+    limit_um = 3e6 * found.tolerance_m
+    for axis, name, values_m, options in (
+        (axes[0], "nominal [um]", found.nominal_m, {}),
+        (axes[1], "measured [um]", found.nominal_m + found.deviation_m, {}),
+        (
+            axes[2],
+            "measured - nominal [um]",
+            found.deviation_m,
+            {"cmap": "RdBu_r", "vmin": -limit_um, "vmax": limit_um},
+        ),
+    ):
+        shown = axis.imshow(1e6 * values_m, origin="lower", **options)
+        axis.set_title(name)
+        figure.colorbar(shown, ax=axis, shrink=0.8)
+    if found.out_of_tolerance.any():
+        axes[2].contour(found.out_of_tolerance, levels=[0.5], colors="black")
+    figure.suptitle(title)
+    figure.savefig(path)
+    plt.close(figure)
 
 
 def report(rows: Sequence[dict[str, Any]]) -> None:

@@ -1,7 +1,7 @@
 """``nsfc inspect``: a printed plate against its design, from one caustic image."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
@@ -9,6 +9,12 @@ from cli.capture_options import capture_options, capture_settings
 from cli.console import Console
 from cli.inspection.length import length
 from cli.options import config_options, device_option, json_option, number
+
+if TYPE_CHECKING:
+    from warp_caustics.prints.line import Section
+
+SECTIONS = ("cosine", "quarter")
+"""Of ``warp_caustics.prints.line``, which takes too long to load for a line of help."""
 
 
 @click.command()
@@ -24,6 +30,13 @@ from cli.options import config_options, device_option, json_option, number
     "--find-lines",
     is_flag=True,
     help="DESIGN is a height map or solid of printed lines: find them first. A minute for a dozen lines.",
+)
+@click.option(
+    "--section",
+    type=click.Choice(SECTIONS),
+    default="cosine",
+    show_default=True,
+    help="Cross section of printed lines: a raised cosine, or a quarter of a cosine, which is steep at its edges.",
 )
 @click.option(
     "--tolerance",
@@ -55,6 +68,7 @@ def inspect(
     images: tuple[str, ...],
     nominal: str,
     find_lines: bool,
+    section: "Section",
     tolerance: float,
     output: str,
     mask: str | None,
@@ -79,7 +93,7 @@ def inspect(
     from cli.inspection.series import run_series, run_watch
     from cli.results import check_target
     from warp_caustics.errors import InputError
-    from warp_caustics.inspection.design import judged_part, read_design, with_lines
+    from warp_caustics.inspection.nominal import judged_part, read_nominal, with_lines
 
     if not tolerance > 0:
         raise click.BadParameter("0 would fail every plate; give a length such as 50um", param_hint="--tolerance")
@@ -91,13 +105,13 @@ def inspect(
     found = images[0] if watch is not None else image_list(images)
     config = load_config(config_source, settings, {})
     capture_settings(capture)  # what is wrong with it is wrong for every image
-    design = read_design(nominal, config.scene)
+    design = read_nominal(nominal, config.scene, section)
     if find_lines:
         design = with_lines(design, nominal, config.scene)
     files = {"nominal": nominal} | ({} if mask is None else {"mask": mask})
     job = InspectionJob(
         config=config,
-        design=design,
+        nominal=design,
         judged=judged_part(mask, margin, config.scene),
         tolerance_m=tolerance,
         margin_m=margin,

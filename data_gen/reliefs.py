@@ -10,12 +10,13 @@ import warp as wp
 from data_gen.config import PrintedPattern
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.patterns import RING, STROKE_COLUMNS
-from data_gen.variety import TRAIT_COLUMNS, PrintTraits, draw_traits, merged, plain_traits, section_height
+from data_gen.variety import TRAIT_COLUMNS, PrintTraits, draw_traits, merged, plain_traits
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.errors import InputError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.kernels import stroke_kernel
+from warp_caustics.prints.line import distance_to_segment, section_height
 from warp_caustics.scene import Scene
 
 
@@ -106,13 +107,10 @@ def printed_relief(
     x, y = (cell_centres(fine, length) for length in plate_size_m)
     heights = [np.zeros((fine, fine))]
     for kind, x0, y0, x1, y1, width, height in strokes.tolist():
-        from_x, from_y = x[None, :] - x0, y[:, None] - y0  # [1, n s], [n s, 1]
         if kind == RING:
-            distance = np.abs(np.hypot(from_x, from_y) - x1)
+            distance = np.abs(np.hypot(x[None, :] - x0, y[:, None] - y0) - x1)
         else:
-            along_x, along_y = x1 - x0, y1 - y0
-            nearest = np.clip((from_x * along_x + from_y * along_y) / max(along_x**2 + along_y**2, 1e-20), 0.0, 1.0)
-            distance = np.hypot(from_x - nearest * along_x, from_y - nearest * along_y)
+            distance = distance_to_segment((x0, y0), (x1, y1), x[None, :], y[:, None])
         heights.append(height * section_height(2 * distance / width, traits.section, traits.exponent, traits.reach))
     relief = merged(np.stack(heights), traits.merging)
     relief = relief.reshape(samples, supersampling, samples, supersampling).mean(axis=(1, 3))

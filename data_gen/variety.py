@@ -1,29 +1,18 @@
 """How prints differ from one another: cross section, how lines merge, bow of the base. Drawn per relief.
 
-No source gives the section of a printed glass line, so a network must not rely on one. Three families, each with an
-exponent g; t = 2 r / w is 0 on the centre line and 1 at the edge. Gaussian lines may have feet beyond, out to t = e:
-
-=========  =====================================================  ==========================================
-section    height / H                                             special cases
-=========  =====================================================  ==========================================
-cosine     cos(pi t / 2)^(2 g)                                    g = 1: raised cosine; 0.5: quarter cosine
-parabola   (1 - t^2)^g                                            g = 1: parabola; 0.5: ellipse
-gaussian   exp(-k t^2), less its value at t = e, k = 4 ln 2 g     g = 1: half its height at t = 1/2, as the cosine
-=========  =====================================================  ==========================================
+No source gives the section of a printed glass line, so a network must not rely on one: families and exponents of
+:func:`warp_caustics.prints.line.section_height`.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from warp_caustics.prints.line import COSINE_EXPONENT, FAMILIES, Family, Section
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
-
-Section = Literal["cosine", "parabola", "gaussian"]
-SECTIONS: tuple[Section, ...] = ("cosine", "parabola", "gaussian")
-"""In the order of their numbers in the kernel."""
 
 MAX_MERGING = 12.0
 """Largest p: beyond, heights of 1 um to the p-th power are lost in float32, and two equal lines are 6 % high."""
@@ -76,7 +65,7 @@ class PrintTraits:
         bow: coefficients (xx, xy, yy) of the base's bow [1/m].
     """
 
-    section: Section = "cosine"
+    section: Family = "cosine"
     exponent: float = 1.0
     reach: float = 1.0
     merging: float = 1.0
@@ -84,12 +73,12 @@ class PrintTraits:
 
     def row(self) -> tuple[float, ...]:
         """As the kernel takes it, TRAIT_COLUMNS."""
-        return (float(SECTIONS.index(self.section)), self.exponent, self.reach, self.merging, *self.bow)
+        return (float(FAMILIES.index(self.section)), self.exponent, self.reach, self.merging, *self.bow)
 
 
-def plain_traits(profile: Literal["cosine", "quarter"]) -> PrintTraits:
-    """Of prints that do not vary: both profiles are cosines."""
-    return PrintTraits(exponent=1.0 if profile == "cosine" else 0.5)
+def plain_traits(section: Section) -> PrintTraits:
+    """Of prints that do not vary."""
+    return PrintTraits(exponent=COSINE_EXPONENT[section])
 
 
 def draw_traits(
@@ -108,7 +97,7 @@ def draw_traits(
         variety.merging_share,
         variety.bow_share,
     )
-    family, exponent = int(rng.integers(len(SECTIONS))), float(rng.uniform(*variety.exponent))
+    family, exponent = int(rng.integers(len(FAMILIES))), float(rng.uniform(*variety.exponent))
     reach = float(rng.uniform(*variety.reach))
     merging = float(np.exp(rng.uniform(*np.log(variety.merging))))
     sag, across, angle = rng.uniform((-variety.bow_m, -1.0, 0.0), (variety.bow_m, 1.0, np.pi))
@@ -119,33 +108,12 @@ def draw_traits(
         scale = 4 * sag / max(plate_size_m) ** 2
         bow = (scale * (c**2 + across * s**2), scale * 2 * c * s * (1 - across), scale * (s**2 + across * c**2))
     return PrintTraits(
-        SECTIONS[family] if has_section else plain.section,
+        FAMILIES[family] if has_section else plain.section,
         exponent if has_section else plain.exponent,
-        reach if has_section and SECTIONS[family] == "gaussian" else plain.reach,
+        reach if has_section and FAMILIES[family] == "gaussian" else plain.reach,
         merging if has_merging else plain.merging,
         (float(bow[0]), float(bow[1]), float(bow[2])),
     )
-
-
-def section_height(t: FloatArray, section: Section, exponent: float, reach: float = 1.0) -> FloatArray:
-    """Height of a section relative to its crown, any shape; 0 from the edge on; see the table above.
-
-    Args:
-        t: distance from the centre line in units of half the width.
-        section: family.
-        exponent: g.
-        reach: e of a Gaussian; other sections end at t = 1.
-    """
-    inside = np.clip(t, 0.0, reach)
-    if section == "cosine":
-        height = np.cos(np.pi / 2 * inside) ** (2 * exponent)
-    elif section == "parabola":
-        height = (1 - inside**2) ** exponent
-    else:
-        k = 4 * np.log(2) * exponent
-        edge = np.exp(-k * reach**2)
-        height = (np.exp(-k * inside**2) - edge) / (1 - edge)
-    return np.where(t < reach, height, 0.0)
 
 
 def merged(heights: FloatArray, merging: float) -> FloatArray:

@@ -18,10 +18,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cli.config import Config
-    from cli.reconstruct import Inputs
-    from nets.inspection.from_design import DesignResult, FromDesign
-    from warp_caustics.inspection.design import Design
+    from nets.inspection.from_nominal import FromNominal
     from warp_caustics.inspection.findings import Inspection
+    from warp_caustics.inspection.nominal import Nominal
 
 EXIT_CODES = {"pass": 0, "fail": EXIT_FAILED, "uncertain": EXIT_FAILED}
 """Exit code of each verdict: a plate that cannot be shown to be good does not pass."""
@@ -50,7 +49,7 @@ class InspectionJob:
 
     Attributes:
         config: scene, and options of the reconstruction.
-        design: what was meant.
+        nominal: what was to be printed.
         judged: True where the plate is judged, shape [n, n].
         tolerance_m: [m].
         margin_m: border that is not judged [m], for the record.
@@ -63,7 +62,7 @@ class InspectionJob:
     """
 
     config: "Config"
-    design: "Design"
+    nominal: "Nominal"
     judged: "npt.NDArray[np.bool_]"
     tolerance_m: float
     margin_m: float
@@ -74,7 +73,7 @@ class InspectionJob:
     force: bool
     console: Console
     files_written = INSPECTION_FILES
-    _method: "FromDesign | None" = None
+    _method: "FromNominal | None" = None
 
     @cached_property
     def settings(self) -> str:
@@ -85,25 +84,27 @@ class InspectionJob:
         tree = {
             "config": self.config.fingerprint(),
             "files": {kind: file["sha256"] for kind, file in file_records(self.files).items()},
-            "n_lines": len(self.design.lines),
+            "n_lines": len(self.nominal.lines),
             "tolerance_m": self.tolerance_m,
             "margin_m": self.margin_m,
             "density_kg_m3": self.density_kg_m3,
             "capture": frames,
         }
+        if self.nominal.section != "cosine":
+            tree["section"] = self.nominal.section  # left out where it is as always, so that older tables stay valid
         return hashlib.sha256(json_text(tree).encode()).hexdigest()[:16]
 
-    def method(self) -> "FromDesign":
+    def method(self) -> "FromNominal":
         """The reconstruction, made at the first call.
 
         Raises:
             InputError: options that it does not know.
         """
         if self._method is None:
-            from nets.inspection.from_design import DesignOptions, FromDesign
+            from nets.inspection.from_nominal import FromNominal, FromNominalOptions
 
-            options = DesignOptions(**self.config.reconstruction.options)
-            self._method = FromDesign(self.config.scene, options, start_device(self.device))
+            options = FromNominalOptions(**self.config.reconstruction.options)
+            self._method = FromNominal(self.config.scene, options, start_device(self.device))
         return self._method
 
     def run(self, image: str, target: Path, output: str, force: bool = False) -> InspectionOutcome:
@@ -120,6 +121,7 @@ class InspectionJob:
         """
         from cli.reconstruct import read_inputs
         from cli.results import result_folder, result_record, write_results
+        from warp_caustics.inspection.judge import judge_plate
 
         console, config = self.console, self.config
         inputs = read_inputs({"image": image, **self.files}, config.scene, capture_settings(self.capture, image))
@@ -129,71 +131,40 @@ class InspectionJob:
         title = os.path.basename(image)
         with result_folder(target, force or self.force, self.files_written) as folder:
             with console.progress() as progress:
-                found = method.reconstruct(inputs.caustic, self.design.nominal_m, self.design.lines, progress=progress)
-            if found.reconstruction.stop_reason == "interrupted":
+                found = method.reconstruct(inputs.caustic, self.nominal, progress=progress)
+            plate = found.reconstruction
+            if plate.stop_reason == "interrupted":
                 raise KeyboardInterrupt
-            inspection = self.judge(found, inputs)
-            result = result_record(found.reconstruction, inputs, config)
+            inspection = judge_plate(
+                plate.heights_m,
+                self.nominal,
+                config.scene,
+                self.tolerance_m,
+                sigma_m=plate.uncertainty_m,
+                fitted=found.lines,
+                mask=self.judged,
+                density_kg_m3=self.density_kg_m3,
+            )
+            result = result_record(plate, inputs, config)
             record = {
                 "image": image,
-                "design": self.design.how,
+                "design": self.nominal.origin,
                 **inspection_record(inspection),
-                "residual": found.reconstruction.residual,
+                "residual": plate.residual,
                 "uncertainty": result["uncertainty"],
-                "timings_s": found.reconstruction.timings_s,
+                "timings_s": plate.timings_s,
                 "inputs": inputs.files,
                 "config_fingerprint": config.fingerprint(),
                 "versions": result["versions"],
                 "created": result["created"],
             }
-            write_results(folder, found.reconstruction, inputs, config, result, inspection)
+            write_results(folder, plate, inputs, config, result, inspection)
             write_inspection(folder, inspection, config.scene, title, record)
-        for warning in (*found.reconstruction.warnings, *inspection.warnings):
+        for warning in (*plate.warnings, *inspection.warnings):
             console.warn(warning)
         for line in summary(output, inspection, record):
             console.line(line)
         return InspectionOutcome(inspection, {"output": output, **record})
-
-    def judge(self, found: "DesignResult", inputs: "Inputs") -> "Inspection":
-        """Compare a reconstruction with the design."""
-        from warp_caustics.inspection.compare import inspect_plate
-        from warp_caustics.inspection.fibres import fibre_findings
-        from warp_caustics.prints.tolerance import line_limit
-
-        scene, result = self.config.scene, found.reconstruction
-        heights, nominal, lines = result.heights_m, self.design.nominal_m, self.design.lines
-        limit = None
-        if lines:
-            limit = line_limit(lines, scene.height_samples, scene.plate_size_m, self.tolerance_m)
-
-        def compared(fibres: Any) -> "Inspection":
-            return inspect_plate(
-                heights,
-                nominal,
-                scene,
-                self.tolerance_m,
-                sigma_m=result.uncertainty_m,
-                mask=self.judged,
-                fibres=fibres,
-                limit_m=limit,
-                density_kg_m3=self.density_kg_m3,
-            )
-
-        first = compared(())
-        if not lines:
-            return first
-        assert first.limit_m is not None
-        return compared(
-            fibre_findings(
-                lines,
-                found.lines,
-                first.out_of_tolerance,
-                first.deviation_m,
-                first.limit_m,
-                self.tolerance_m,
-                scene.plate_size_m,
-            )
-        )
 
 
 def summary(output: str, found: "Inspection", record: Mapping[str, Any]) -> list[str]:

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.inspection.compare import inspect_plate
+from warp_caustics.inspection.judge import judge_plate
+from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.methods import create
@@ -20,7 +21,7 @@ TOLERANCE_M = 30e-6
 scene = Scene(height_samples=32, image_pixels=128, plate_size_m=(0.02, 0.02))
 ends_m = [((-7e-3, -5e-3), (6e-3, 4e-3)), ((-4e-3, 7e-3), (5e-3, -6e-3)), ((-7e-3, 3e-3), (-7e-3, 8e-3))]
 fibres = [Line(start, end, width_m=2.5e-3, height_m=1.2e-4) for start, end in ends_m]
-nominal_m = line_relief(fibres, 32, scene.plate_size_m)
+design = Nominal.of_lines(fibres, scene)
 
 
 def measured_m(printed: list[Line]) -> np.ndarray:
@@ -36,7 +37,7 @@ def measured_m(printed: list[Line]) -> np.ndarray:
 
 uncertainty_m = np.full((32, 32), 3e-6)
 good, bad = (
-    inspect_plate(measured_m(printed), nominal_m, scene, TOLERANCE_M, sigma_m=uncertainty_m)
+    judge_plate(measured_m(printed), design, scene, TOLERANCE_M, sigma_m=uncertainty_m)
     for printed in (fibres, fibres[:2])
 )
 for name, found in (("good plate", good), ("bad plate", bad)):
@@ -44,7 +45,7 @@ for name, found in (("good plate", good), ("bad plate", bad)):
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
 extent = [-10, 10, -10, 10]
-shown = axes[0].imshow(1e6 * nominal_m, origin="lower", extent=extent)
+shown = axes[0].imshow(1e6 * design.relief_m, origin="lower", extent=extent)
 axes[0].set(title="design [um]", xlabel="x [mm]")
 figure.colorbar(shown, ax=axes[0], shrink=0.8)
 for axis, name, found in ((axes[1], "good plate", good), (axes[2], "bad plate", bad)):
@@ -58,10 +59,12 @@ figure.colorbar(shown, ax=axes[1:], label="deviation [um]", shrink=0.8)
 plt.show()
 
 # %%
-# The check: the good plate passes; of the bad one exactly the missing fibre is found, where it should have been.
+# The check: the good plate passes; of the bad one exactly the missing fibre is found, where it should have been, and
+# named.
 
 assert good.verdict == "pass"
 assert bad.verdict == "fail"
 (region,) = bad.regions
 np.testing.assert_allclose(region.centre_m, np.mean(ends_m[2], axis=0), atol=3e-4)
 assert -1.4e-4 < region.peak_m < -0.9e-4
+assert [fibre.status for fibre in bad.fibres] == ["as designed", "as designed", "missing"]

@@ -25,7 +25,7 @@ def test_same_as_the_reference(profile):
     heights = print_strokes(torch.from_numpy(padded(drawn)), SCENE, config).numpy()
     for strokes, relief in zip(drawn, heights, strict=True):
         lines = [Line((s[1], s[2]), (s[3], s[4]), s[5], s[6]) for s in strokes.tolist()]
-        expected = line_relief(lines, 64, SCENE.plate_size_m, profile=profile)
+        expected = line_relief(lines, 64, SCENE.plate_size_m, section=profile)
         np.testing.assert_allclose(relief, expected, rtol=0, atol=2e-8 if profile == "cosine" else 2e-7)
 
 

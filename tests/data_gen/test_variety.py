@@ -9,10 +9,10 @@ from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.patterns import draw_strokes, padded
 from data_gen.reliefs import print_strokes, printed_relief, traits_of
 from data_gen.samples import Reliefs
-from data_gen.variety import SECTIONS, PrintTraits, PrintVariety, draw_traits, merged, plain_traits, section_height
+from data_gen.variety import PrintTraits, PrintVariety, draw_traits, merged, plain_traits
 from warp_caustics import Scene
 from warp_caustics.errors import InputError
-from warp_caustics.prints.line import line_profile
+from warp_caustics.prints.line import FAMILIES, SECTIONS, line_profile, section_height
 
 SCENE = Scene(height_samples=48, image_pixels=96)
 PLATE = SCENE.plate_size_m
@@ -21,7 +21,7 @@ T = np.linspace(0, 1, 501)
 
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 1.6])
-@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("section", FAMILIES)
 def test_sections_fall_from_the_crown_to_the_edge(section, exponent):
     height = section_height(T, section, exponent)
     assert height[0] == pytest.approx(1.0) and height[-1] == 0.0
@@ -37,7 +37,7 @@ def test_sections_are_those_they_are_called():
         assert section_height(fine, section, exponent).mean() == pytest.approx(area, rel=1e-4)
     # With g = 1 the Gaussian is half as high at half the way, but for what is taken off at the edge.
     assert section_height(np.array([0.5]), "gaussian", 1.0)[0] == pytest.approx((0.5 - 1 / 16) / (1 - 1 / 16))
-    for profile in ("cosine", "quarter"):
+    for profile in SECTIONS:
         plain = plain_traits(profile)
         np.testing.assert_allclose(
             2e-3 * section_height(T, plain.section, plain.exponent), line_profile(T / 2, 1.0, 2e-3, profile), atol=1e-12
@@ -62,7 +62,7 @@ def test_merging_lies_between_sum_and_maximum():
 
 @pytest.mark.parametrize("exponent", [0.5, 1.3])
 @pytest.mark.parametrize("merging", [1.0, 2.0, 12.0])
-@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("section", FAMILIES)
 def test_the_kernel_prints_what_the_oracle_prints(section, merging, exponent):
     """Within 0.05 um of reliefs of millimetres; 1 um where an ellipse stands upright at its edge, or p is 12."""
     traits = PrintTraits(section, exponent, 1.7 if section == "gaussian" else 1.0, merging, (2e-2, -1e-2, 3e-2))
@@ -98,7 +98,7 @@ def test_shares_are_kept_and_samples_are_their_own():
     assert plain == pytest.approx(0.4, abs=0.03)
     assert sum(t.merging > 1 for t in traits) / 3000 == pytest.approx(0.25, abs=0.03)
     assert sum(any(t.bow) for t in traits) / 3000 == pytest.approx(1 / 3, abs=0.03)
-    assert {t.section for t in traits} == set(SECTIONS)
+    assert {t.section for t in traits} == set(FAMILIES)
     assert {t.reach for t in traits if t.section != "gaussian"} == {1.0}
     feet = [t.reach for t in traits if t.section == "gaussian"]
     assert 1.0 <= min(feet) < 1.05 and 1.95 < max(feet) <= 2.0

@@ -14,9 +14,9 @@ from warp_caustics.scene import Scene
 from warp_caustics.types import BoolArray, FloatArray
 
 NOTABLE_LEVEL_M = 1e-6
-"""An offset of the level above this is told [m]."""
-MAX_TOLD = 10
-"""Regions that are told in words; all are in the tables."""
+"""An offset of the level above this is a warning [m]."""
+MAX_NAMED_REGIONS = 10
+"""Regions that are described in words; all are in the tables."""
 FAULTS = ("missing", "extra", "too high", "too low", "displaced")
 
 
@@ -121,10 +121,10 @@ def _verdict(
     for fibre in fibres:
         if fibre.status in FAULTS:
             reasons.append(_fibre_reason(fibre))
-    for region in parts[:MAX_TOLD]:
+    for region in parts[:MAX_NAMED_REGIONS]:
         reasons.append(_region_reason(region))
-    if len(parts) > MAX_TOLD:
-        reasons.append(f"{len(parts) - MAX_TOLD} more regions out of tolerance")
+    if len(parts) > MAX_NAMED_REGIONS:
+        reasons.append(f"{len(parts) - MAX_NAMED_REGIONS} more regions out of tolerance")
     if reasons:
         return "fail", reasons
     hidden = [fibre.name for fibre in fibres if fibre.status == "hidden"]

@@ -1,6 +1,6 @@
 """What is the matter with each fibre of a printed plate: missing, too high, displaced; and fibres nobody designed.
 
-Judged are the lines as they were found (``line_fit``). A fault counts only
+Judged are the lines as they were found (``prints.fit.fit_design``). A fault counts only
 where the plate is out of tolerance: a fibre whose measured numbers are odd
 while the relief around it is as designed was not measured well enough, no more.
 """
@@ -18,9 +18,9 @@ from warp_caustics.prints.fit import FittedLine
 from warp_caustics.prints.line import Line, Section, line_patch, line_relief
 from warp_caustics.types import BoolArray, FloatArray
 
-MISSING = 0.3
+MISSING_SHARE = 0.3
 """A fibre with less than this share of its height is missing."""
-FOOT = 0.1
+FOOT_SHARE = 0.1
 """A fibre is where it has at least this share of its height."""
 EXTRA_LENGTH_M = 2e-3
 """A fibre that is not designed is at least so long [m]; shorter is a blob."""
@@ -37,7 +37,7 @@ def fibre_findings(
     tolerance_m: float,
     plate_size_m: tuple[float, float],
     *,
-    profile: Section = "cosine",
+    section: Section = "cosine",
     coverage: float = COVERAGE_FACTOR,
 ) -> tuple[FibreFinding, ...]:
     """What is the matter with each line, and what was printed besides.
@@ -50,16 +50,16 @@ def fibre_findings(
         limit_m: largest vertical deviation allowed [m], shape [n, n].
         tolerance_m: of heights and of places [m].
         plate_size_m: extent along x and y [m].
-        profile: of the lines.
+        section: of the lines.
         coverage: k, how many standard uncertainties make certain.
     """
     n = len(out)
     findings = [
-        _finding(number, line, fit, out, tolerance_m, plate_size_m, profile, coverage)
+        _finding(number, line, fit, out, tolerance_m, plate_size_m, section, coverage)
         for number, (line, fit) in enumerate(zip(lines, fitted, strict=True), 1)
     ]
-    nominal = line_relief(lines, n, plate_size_m, profile=profile)
-    explained = line_relief([fit.line for fit in fitted], n, plate_size_m, profile=profile) - nominal
+    nominal = line_relief(lines, n, plate_size_m, section=section)
+    explained = line_relief([fit.line for fit in fitted], n, plate_size_m, section=section) - nominal
     return (*findings, *_extras(out, deviation_m, explained, limit_m, plate_size_m))
 
 
@@ -70,7 +70,7 @@ def _finding(
     out: BoolArray,
     tolerance_m: float,
     plate_size_m: tuple[float, float],
-    profile: Section,
+    section: Section,
     coverage: float,
 ) -> FibreFinding:
     status: FibreStatus = "as designed"
@@ -78,14 +78,14 @@ def _finding(
     can_be_seen = coverage * fit.height_std_m <= max(line.height_m, tolerance_m)
     if not can_be_seen and line.height_m > tolerance_m:
         status = "hidden"
-    elif _cells_out(line, fit.line, out, plate_size_m, profile) >= SMALLEST_CELLS:
-        if fit.line.height_m < MISSING * line.height_m and -height_error > tolerance_m:
+    elif _cells_out(line, fit.line, out, plate_size_m, section) >= SMALLEST_CELLS:
+        if fit.line.height_m < MISSING_SHARE * line.height_m and -height_error > tolerance_m:
             status = "missing"
         elif displacement - coverage * fit.displacement_std_m > tolerance_m:
             status = "displaced"
         elif abs(height_error) - coverage * fit.height_std_m > tolerance_m:
             status = "too high" if height_error > 0 else "too low"
-    volume = _volume(fit.line, len(out), plate_size_m, profile)
+    volume = _volume(fit.line, len(out), plate_size_m, section)
     if status == "hidden":
         height_error = displacement = volume = math.nan
     if status == "missing":
@@ -93,17 +93,17 @@ def _finding(
     return FibreFinding(str(number), status, line.start_m, line.end_m, height_error, displacement, volume)
 
 
-def _cells_out(line: Line, found: Line, out: BoolArray, plate_size_m: tuple[float, float], profile: Section) -> int:
+def _cells_out(line: Line, found: Line, out: BoolArray, plate_size_m: tuple[float, float], section: Section) -> int:
     """Cells out of tolerance where the line was meant, or is."""
     where = np.zeros_like(out)
     for each in (line, found):
-        rows, columns, patch = line_patch(each, len(out), plate_size_m, profile=profile)
-        where[rows, columns] |= patch > FOOT * max(each.height_m, 1e-12)
+        rows, columns, patch = line_patch(each, len(out), plate_size_m, section=section)
+        where[rows, columns] |= patch > FOOT_SHARE * max(each.height_m, 1e-12)
     return int((where & out).sum())
 
 
-def _volume(line: Line, n: int, plate_size_m: tuple[float, float], profile: Section) -> float:
-    *_, patch = line_patch(line, n, plate_size_m, profile=profile)
+def _volume(line: Line, n: int, plate_size_m: tuple[float, float], section: Section) -> float:
+    *_, patch = line_patch(line, n, plate_size_m, section=section)
     return float(patch.sum()) * plate_size_m[0] * plate_size_m[1] / n**2
 
 

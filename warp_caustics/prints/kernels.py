@@ -1,31 +1,72 @@
-"""Kernel that prints strokes: one thread per height sample, every stroke added up."""
+"""Kernels that print: strokes of a data set added up, and single lines with their derivatives.
+
+What a line is stands in functions that both share: points of a cell, distance to a segment, cross section.
+"""
 
 from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
 
+PI = wp.constant(3.14159265358979)
+
 
 @no_type_check
 @wp.func
 def section_height(
-    section: wp.float32, exponent: wp.float32, reach: wp.float32, distance: wp.float32, width: wp.float32
+    family: wp.float32, exponent: wp.float32, reach: wp.float32, distance: wp.float32, width: wp.float32
 ):
-    """Height relative to the crown inside a line, variety.section_height in float32."""
-    if section < 0.5:
-        angle = 3.14159265358979 * distance / width
-        # Both profiles that need no power, as data sets had them before sections varied.
+    """Height relative to the crown inside a line [1], line.section_height in float32; family: its number."""
+    if family < 0.5:
+        angle = PI * distance / width
+        # Both sections that need no power, as data sets had them before sections varied.
         if exponent == 1.0:
             return 0.5 * (1.0 + wp.cos(2.0 * angle))
         if exponent == 0.5:
             return wp.cos(angle)
         return wp.pow(wp.max(wp.cos(angle), 0.0), 2.0 * exponent)
     t = 2.0 * distance / width
-    if section < 1.5:
+    if family < 1.5:
         return wp.pow(wp.max(1.0 - t * t, 0.0), exponent)
     k = 2.772588722239781 * exponent
     edge = wp.exp(-k * reach * reach)
     return (wp.exp(-k * t * t) - edge) / (1.0 - edge)
+
+
+@no_type_check
+@wp.func
+def cosine_slope(exponent: wp.float32, distance: wp.float32, width: wp.float32):
+    """Derivative of the cosine family's height by the angle pi r / w [1]; exponents as in :data:`line.Section`."""
+    angle = PI * distance / width
+    if exponent == 1.0:
+        return -wp.sin(2.0 * angle)
+    return -wp.sin(angle)
+
+
+@no_type_check
+@wp.func
+def cell_point(i: wp.int32, j: wp.int32, sub: wp.int32, across: wp.int32, pitch: wp.vec2, samples: wp.int32):
+    """Place of point ``sub`` of the across^2 points in cell (i, j) of a plate [m]; of the cell's centre if it is -1."""
+    corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch[0]
+    corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch[1]
+    if sub < 0:
+        return wp.vec2(corner_x + 0.5 * pitch[0], corner_y + 0.5 * pitch[1])
+    step_x = pitch[0] / wp.float32(across)
+    step_y = pitch[1] / wp.float32(across)
+    return wp.vec2(
+        corner_x + (wp.float32(sub % across) + 0.5) * step_x, corner_y + (wp.float32(sub // across) + 0.5) * step_y
+    )
+
+
+@no_type_check
+@wp.func
+def segment_gap(offset: wp.vec2, along: wp.vec2, inverse: wp.float32):
+    """From the nearest point of a segment to a point: (x, y) [m], and where that is, from 0 at the start to 1.
+
+    Takes the point's offset from the start [m], end - start [m], and 1 / |end - start|^2 [1/m^2].
+    """
+    nearest = wp.clamp(wp.dot(offset, along) * inverse, 0.0, 1.0)
+    return wp.vec3(offset[0] - nearest * along[0], offset[1] - nearest * along[1], nearest)
 
 
 @cache
@@ -47,11 +88,8 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
     ):
         """Heights [B, n, n] [m] of strokes [B, L, 7] (STROKE_COLUMNS) and traits [B, 7] (TRAIT_COLUMNS)."""
         b, i, j = wp.tid()
-        step_x = pitch_x / wp.float32(wp.static(supersampling))
-        step_y = pitch_y / wp.float32(wp.static(supersampling))
-        corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch_x
-        corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch_y
-        section = traits[b, 0]
+        pitch = wp.vec2(pitch_x, pitch_y)
+        family = traits[b, 0]
         exponent = traits[b, 1]
         ends = traits[b, 2]
         merging = traits[b, 3]
@@ -61,37 +99,26 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
             height = strokes[b, k, 6]
             if height > 0.0:
                 ring = strokes[b, k, 0] > 0.5
-                x0 = strokes[b, k, 1]
-                y0 = strokes[b, k, 2]
-                x1 = strokes[b, k, 3]
-                y1 = strokes[b, k, 4]
+                start = wp.vec2(strokes[b, k, 1], strokes[b, k, 2])
+                along = wp.vec2(strokes[b, k, 3], strokes[b, k, 4]) - start
+                radius = strokes[b, k, 3]
+                inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
                 width = strokes[b, k, 5]
-                along_x = x1 - x0
-                along_y = y1 - y0
-                inverse = 1.0 / wp.max(along_x * along_x + along_y * along_y, 1.0e-20)
                 reach = 0.5 * (ends * width + pitch_x + pitch_y)
                 for sub in range(-1, wp.static(points)):
                     # The first round is the cell's centre: most strokes pass far from it.
-                    x = corner_x + 0.5 * pitch_x
-                    y = corner_y + 0.5 * pitch_y
-                    if sub >= 0:
-                        x = corner_x + (wp.float32(sub % wp.static(supersampling)) + 0.5) * step_x
-                        y = corner_y + (wp.float32(sub // wp.static(supersampling)) + 0.5) * step_y
-                    from_x = x - x0
-                    from_y = y - y0
+                    offset = cell_point(i, j, sub, wp.static(supersampling), pitch, samples) - start
                     distance = wp.float32(0.0)
                     if ring:
-                        distance = wp.abs(wp.sqrt(from_x * from_x + from_y * from_y) - x1)
+                        distance = wp.abs(wp.length(offset) - radius)
                     else:
-                        nearest = wp.clamp((from_x * along_x + from_y * along_y) * inverse, 0.0, 1.0)
-                        gap_x = from_x - nearest * along_x
-                        gap_y = from_y - nearest * along_y
-                        distance = wp.sqrt(gap_x * gap_x + gap_y * gap_y)
+                        gap = segment_gap(offset, along, inverse)
+                        distance = wp.sqrt(gap[0] * gap[0] + gap[1] * gap[1])
                     if sub < 0:
                         if distance > reach:
                             break
                     elif distance < 0.5 * ends * width:
-                        added = height * section_height(section, exponent, ends, distance, width)
+                        added = height * section_height(family, exponent, ends, distance, width)
                         if wp.static(can_merge):
                             if merging > 1.0:
                                 # In millimetres, so that powers stay within float32.
@@ -103,96 +130,66 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
         if wp.static(can_merge) and merging > 1.0:
             for sub in range(wp.static(points)):
                 total += 0.001 * wp.pow(sums[sub], 1.0 / merging)
-        x = corner_x + 0.5 * pitch_x
-        y = corner_y + 0.5 * pitch_y
+        centre = cell_point(i, j, -1, wp.static(supersampling), pitch, samples)
+        x = centre[0]
+        y = centre[1]
         bow = traits[b, 4] * x * x + traits[b, 5] * x * y + traits[b, 6] * y * y
         heights[b, i, j] = total / wp.float32(wp.static(points)) + bow
 
     return print_strokes
 
 
-@cache
-def line_derivative_kernel(is_quarter: bool) -> Any:
-    """Kernel ``line_derivatives``; the profile is ``quarter`` or else ``cosine``."""
-
-    @no_type_check
-    @wp.kernel(enable_backward=False, module="unique")
-    def line_derivatives(
-        lines: wp.array2d[wp.float32],
-        pitch_x: wp.float32,
-        pitch_y: wp.float32,
-        samples: wp.int32,
-        supersampling: wp.int32,
-        # outputs
-        heights: wp.array3d[wp.float32],
-        derivatives: wp.array4d[wp.float32],
-    ):
-        """Heights [L, n, n] of single lines [L, 6] (x0, y0, x1, y1, width, height), and derivatives [L, 6, n, n]."""
-        k, i, j = wp.tid()
-        x0 = lines[k, 0]
-        y0 = lines[k, 1]
-        x1 = lines[k, 2]
-        y1 = lines[k, 3]
-        width = lines[k, 4]
-        height = lines[k, 5]
-        along_x = x1 - x0
-        along_y = y1 - y0
-        inverse = 1.0 / wp.max(along_x * along_x + along_y * along_y, 1.0e-20)
-        step_x = pitch_x / wp.float32(supersampling)
-        step_y = pitch_y / wp.float32(supersampling)
-        corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch_x
-        corner_y = (wp.float32(i) - 0.5 * wp.float32(samples)) * pitch_y
-        total = wp.float32(0.0)
-        by_x0 = wp.float32(0.0)
-        by_y0 = wp.float32(0.0)
-        by_x1 = wp.float32(0.0)
-        by_y1 = wp.float32(0.0)
-        by_width = wp.float32(0.0)
-        by_height = wp.float32(0.0)
-        for sub in range(-1, supersampling * supersampling):
-            # The first round is the cell's centre: most cells are far from the line.
-            x = corner_x + 0.5 * pitch_x
-            y = corner_y + 0.5 * pitch_y
-            if sub >= 0:
-                x = corner_x + (wp.float32(sub % supersampling) + 0.5) * step_x
-                y = corner_y + (wp.float32(sub // supersampling) + 0.5) * step_y
-            from_x = x - x0
-            from_y = y - y0
-            nearest = wp.clamp((from_x * along_x + from_y * along_y) * inverse, 0.0, 1.0)
-            gap_x = from_x - nearest * along_x
-            gap_y = from_y - nearest * along_y
-            distance = wp.sqrt(gap_x * gap_x + gap_y * gap_y)
-            if sub < 0:
-                if distance > 0.5 * (width + pitch_x + pitch_y):
-                    break
-            elif distance < 0.5 * width:
-                angle = 3.14159265358979 * distance / width
-                shape = wp.float32(0.0)
-                slope = wp.float32(0.0)
-                if wp.static(is_quarter):
-                    shape = wp.cos(angle)
-                    slope = -wp.sin(angle)
-                else:
-                    shape = 0.5 * (1.0 + wp.cos(2.0 * angle))
-                    slope = -wp.sin(2.0 * angle)
-                # d(shape)/d(angle) = slope; angle = pi r / w. Moving the nearest point along the line changes r in
-                # second order only.
-                by_distance = height * slope * 3.14159265358979 / width
-                outward = by_distance / wp.max(distance, 1.0e-12)
-                total += height * shape
-                by_x0 -= outward * gap_x * (1.0 - nearest)
-                by_y0 -= outward * gap_y * (1.0 - nearest)
-                by_x1 -= outward * gap_x * nearest
-                by_y1 -= outward * gap_y * nearest
-                by_width -= by_distance * distance / width
-                by_height += shape
-        scale = 1.0 / wp.float32(supersampling * supersampling)
-        heights[k, i, j] = total * scale
-        derivatives[k, 0, i, j] = by_x0 * scale
-        derivatives[k, 1, i, j] = by_y0 * scale
-        derivatives[k, 2, i, j] = by_x1 * scale
-        derivatives[k, 3, i, j] = by_y1 * scale
-        derivatives[k, 4, i, j] = by_width * scale
-        derivatives[k, 5, i, j] = by_height * scale
-
-    return line_derivatives
+@no_type_check
+@wp.kernel(enable_backward=False)
+def line_derivatives(
+    lines: wp.array2d[wp.float32],
+    exponent: wp.float32,
+    pitch_x: wp.float32,
+    pitch_y: wp.float32,
+    samples: wp.int32,
+    supersampling: wp.int32,
+    # outputs
+    heights: wp.array3d[wp.float32],
+    derivatives: wp.array4d[wp.float32],
+):
+    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]; cosines only."""
+    k, i, j = wp.tid()
+    pitch = wp.vec2(pitch_x, pitch_y)
+    start = wp.vec2(lines[k, 0], lines[k, 1])
+    along = wp.vec2(lines[k, 2], lines[k, 3]) - start
+    inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
+    width = lines[k, 4]
+    height = lines[k, 5]
+    total = wp.float32(0.0)
+    by_start = wp.vec2(0.0, 0.0)
+    by_end = wp.vec2(0.0, 0.0)
+    by_width = wp.float32(0.0)
+    by_height = wp.float32(0.0)
+    for sub in range(-1, supersampling * supersampling):
+        # The first round is the cell's centre: most cells are far from the line.
+        offset = cell_point(i, j, sub, supersampling, pitch, samples) - start
+        found = segment_gap(offset, along, inverse)
+        gap = wp.vec2(found[0], found[1])
+        nearest = found[2]
+        distance = wp.length(gap)
+        if sub < 0:
+            if distance > 0.5 * (width + pitch_x + pitch_y):
+                break
+        elif distance < 0.5 * width:
+            shape = section_height(0.0, exponent, 1.0, distance, width)
+            # Angle pi r / w. Moving the nearest point along the line changes r in second order only.
+            by_distance = height * cosine_slope(exponent, distance, width) * PI / width
+            outward = by_distance / wp.max(distance, 1.0e-15) * gap
+            total += height * shape
+            by_start -= (1.0 - nearest) * outward
+            by_end -= nearest * outward
+            by_width -= by_distance * distance / width
+            by_height += shape
+    scale = 1.0 / wp.float32(supersampling * supersampling)
+    heights[k, i, j] = total * scale
+    derivatives[k, 0, i, j] = by_start[0] * scale
+    derivatives[k, 1, i, j] = by_start[1] * scale
+    derivatives[k, 2, i, j] = by_end[0] * scale
+    derivatives[k, 3, i, j] = by_end[1] * scale
+    derivatives[k, 4, i, j] = by_width * scale
+    derivatives[k, 5, i, j] = by_height * scale

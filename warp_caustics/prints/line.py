@@ -1,8 +1,23 @@
-"""Printed lines as a height field: a glass fibre fused onto the plate, lines on top of each other added."""
+"""Printed lines as a height field in float64: the oracle of the kernels, and what one relief needs.
+
+A line is a glass fibre fused onto the plate; lines on top of each other are added. No source gives its cross section.
+Three families, each with an exponent g; t = 2 r / w is 0 on the centre line and 1 at the edge. Gaussian lines may have
+feet beyond, out to t = e:
+
+=========  =====================================================  ==========================================
+family     height / H                                             special cases
+=========  =====================================================  ==========================================
+cosine     cos(pi t / 2)^(2 g)                                    g = 1: raised cosine; 0.5: quarter cosine
+parabola   (1 - t^2)^g                                            g = 1: parabola; 0.5: ellipse
+gaussian   exp(-k t^2), less its value at t = e, k = 4 ln 2 g     g = 1: half its height at t = 1/2, as the cosine
+=========  =====================================================  ==========================================
+
+The two that lines are fitted with (:data:`Section`) are cosines.
+"""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -15,7 +30,18 @@ MAX_LINES = 10_000
 MAX_SUPERSAMPLING = 64
 
 Section = Literal["cosine", "quarter"]
-"""``cosine``: H/2 (1 + cos(2 pi r / w)); ``quarter``: H cos(pi r / w); both 0 from r = w/2 on."""
+"""``cosine``: H/2 (1 + cos(2 pi r / w)), which meets the plate without a kink; ``quarter``: H cos(pi r / w), which is
+steepest there. Both are 0 from r = w/2 on. The supplement only says "a cosine falloff from their center to the edge of
+their width"."""
+
+SECTIONS: tuple[Section, ...] = get_args(Section)
+
+COSINE_EXPONENT: dict[Section, float] = {"cosine": 1.0, "quarter": 0.5}
+"""g of each section, both of which are of the family of cosines."""
+
+Family = Literal["cosine", "parabola", "gaussian"]
+FAMILIES: tuple[Family, ...] = get_args(Family)
+"""In the order of their numbers in the kernels."""
 
 
 @dataclass(frozen=True)
@@ -42,25 +68,42 @@ class Line:
             raise InputError(f"{self} needs a width above 0 and a height of at least 0")
 
 
-def line_profile(distance_m: FloatArray, width_m: float, height_m: float, profile: Section = "cosine") -> FloatArray:
+def section_height(t: FloatArray, family: Family, exponent: float, reach: float = 1.0) -> FloatArray:
+    """Height of a section relative to its crown [1], any shape; 0 from the edge on; see the table above.
+
+    Args:
+        t: distance from the centre line in units of half the width [1].
+        family: of the section.
+        exponent: g.
+        reach: e of a Gaussian; other sections end at t = 1.
+    """
+    inside = np.clip(t, 0.0, reach)
+    if family == "cosine":
+        height = np.cos(np.pi / 2 * inside) ** (2 * exponent)
+    elif family == "parabola":
+        height = (1 - inside**2) ** exponent
+    else:
+        k = 4 * np.log(2) * exponent
+        edge = np.exp(-k * reach**2)
+        height = (np.exp(-k * inside**2) - edge) / (1 - edge)
+    return np.where(t < reach, height, 0.0)
+
+
+def line_profile(distance_m: FloatArray, width_m: float, height_m: float, section: Section = "cosine") -> FloatArray:
     """Height of a line at a distance from its centre segment.
 
     Args:
         distance_m: r [m], any shape.
         width_m: full width w [m].
         height_m: H [m].
-        profile: ``"cosine"``, H/2 (1 + cos(2 pi r / w)), which meets the plate without a kink; or
-            ``"quarter"``, H cos(pi r / w), which is steepest there. The supplement only says
-            "a cosine falloff from their center to the edge of their width".
+        section: see :data:`Section`.
 
     Returns:
         Heights [m], shape of ``distance_m``; 0 from r = w/2 on.
     """
-    if profile not in get_args(Section):
-        raise InputError(f"profile {profile!r} is not known; use one of {', '.join(get_args(Section))}")
-    angle = np.pi * distance_m / width_m
-    inside = (1 + np.cos(2 * angle)) / 2 if profile == "cosine" else np.cos(angle)
-    return np.where(distance_m < width_m / 2, height_m * inside, 0.0)
+    if section not in SECTIONS:
+        raise InputError(f"section {section!r} is not known; use one of {', '.join(SECTIONS)}")
+    return height_m * section_height(2 * distance_m / width_m, "cosine", COSINE_EXPONENT[section])
 
 
 def line_relief(
@@ -68,7 +111,7 @@ def line_relief(
     samples: int,
     plate_size_m: tuple[float, float],
     *,
-    profile: Section = "cosine",
+    section: Section = "cosine",
     supersampling: int = 4,
 ) -> FloatArray:
     """Relief of printed lines, added up.
@@ -77,7 +120,7 @@ def line_relief(
         lines: any number; parts beyond the plate are cut off.
         samples: n, height samples per side.
         plate_size_m: extent along x and y [m].
-        profile: see :func:`line_profile`.
+        section: of the lines, see :data:`Section`.
         supersampling: each sample is the mean over supersampling x supersampling points of its
             cell; 1 samples at the cell's centre, and misses lines narrower than a cell.
 
@@ -91,7 +134,7 @@ def line_relief(
         raise InputError(f"{samples} samples, supersampling {supersampling}; use at least 1, up to {MAX_SUPERSAMPLING}")
     relief = np.zeros((samples, samples))
     for line in lines:
-        rows, columns, patch = line_patch(line, samples, plate_size_m, profile=profile, supersampling=supersampling)
+        rows, columns, patch = line_patch(line, samples, plate_size_m, section=section, supersampling=supersampling)
         relief[rows, columns] += patch
     return relief
 
@@ -101,7 +144,7 @@ def line_patch(
     samples: int,
     plate_size_m: tuple[float, float],
     *,
-    profile: Section = "cosine",
+    section: Section = "cosine",
     supersampling: int = 4,
 ) -> tuple[slice, slice, FloatArray]:
     """Relief of one line where it is: rows and columns of a relief [n, n], and the heights there [m]."""
@@ -110,12 +153,13 @@ def line_patch(
     rows, columns = _reach(line, 1, y, pitch[1]), _reach(line, 0, x, pitch[0])
     patch = np.zeros((rows.stop - rows.start, columns.stop - columns.start))
     # Most cells around an inclined line are bare: points within cells are looked at only where it can be.
-    distance = _distance_to_segment(line, x[None, columns], y[rows, None])
+    distance = distance_to_segment(line.start_m, line.end_m, x[None, columns], y[rows, None])
     touched = np.nonzero(distance < line.width_m / 2 + math.hypot(*pitch) / 2)
     within = (np.arange(supersampling) + 0.5) / supersampling - 0.5
     points_x = x[columns][touched[1], None, None] + within[None, None, :] * pitch[0]
     points_y = y[rows][touched[0], None, None] + within[None, :, None] * pitch[1]
-    fine = line_profile(_distance_to_segment(line, points_x, points_y), line.width_m, line.height_m, profile)
+    distance = distance_to_segment(line.start_m, line.end_m, points_x, points_y)
+    fine = line_profile(distance, line.width_m, line.height_m, section)
     patch[touched] = fine.mean(axis=(1, 2))
     return rows, columns, patch
 
@@ -127,13 +171,36 @@ def _reach(line: Line, axis: int, centres_m: FloatArray, pitch_m: float) -> slic
     return slice(*np.searchsorted(centres_m, (min(ends) - half, max(ends) + half)).tolist())
 
 
-def _distance_to_segment(line: Line, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Distance of points to the line's centre segment [m]; ends are round."""
-    along_x, along_y = line.end_m[0] - line.start_m[0], line.end_m[1] - line.start_m[1]
-    from_x, from_y = x - line.start_m[0], y - line.start_m[1]
+def distance_to_segment(
+    start_m: tuple[float, float], end_m: tuple[float, float], x_m: FloatArray, y_m: FloatArray
+) -> FloatArray:
+    """Distance of points from a segment, whose ends are round [m]; shape of x and y together."""
+    along_x, along_y = end_m[0] - start_m[0], end_m[1] - start_m[1]
+    from_x, from_y = x_m - start_m[0], y_m - start_m[1]
     length_squared = along_x**2 + along_y**2
     nearest: FloatArray | float = 0.0
     if length_squared > 0.0:
         nearest = np.clip((from_x * along_x + from_y * along_y) / length_squared, 0.0, 1.0)
     distance: FloatArray = np.hypot(from_x - nearest * along_x, from_y - nearest * along_y)
     return distance
+
+
+def direction(line: Line) -> tuple[float, float]:
+    """Unit vector from start to end; that of x for a drop."""
+    along_x, along_y = line.end_m[0] - line.start_m[0], line.end_m[1] - line.start_m[1]
+    length = math.hypot(along_x, along_y)
+    return (along_x / length, along_y / length) if length > 0 else (1.0, 0.0)
+
+
+def moved_across(line: Line, start_m: float, end_m: float) -> Line:
+    """The line with its ends moved to its left [m]."""
+    c, s = direction(line)
+    (x0, y0), (x1, y1) = line.start_m, line.end_m
+    return replace(line, start_m=(x0 - s * start_m, y0 + c * start_m), end_m=(x1 - s * end_m, y1 + c * end_m))
+
+
+def moved_along(line: Line, distance_m: float) -> Line:
+    """The line moved from start towards end [m]."""
+    c, s = (distance_m * part for part in direction(line))
+    (x0, y0), (x1, y1) = line.start_m, line.end_m
+    return replace(line, start_m=(x0 + c, y0 + s), end_m=(x1 + c, y1 + s))

@@ -7,12 +7,10 @@ the tolerance t aside or along, and the surface up to t above or below.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from warp_caustics.prints.fit import shifted
-from warp_caustics.prints.line import Line, Section, line_patch
+from warp_caustics.prints.line import Line, Section, line_relief, moved_across, moved_along
 from warp_caustics.types import FloatArray
 
 
@@ -22,7 +20,7 @@ def line_limit(
     plate_size_m: tuple[float, float],
     tolerance_m: float,
     *,
-    profile: Section = "cosine",
+    section: Section = "cosine",
 ) -> FloatArray:
     """Largest vertical deviation inside the zone [m], shape [n, n].
 
@@ -34,31 +32,19 @@ def line_limit(
         samples: n.
         plate_size_m: extent along x and y [m].
         tolerance_m: t [m].
-        profile: of the lines.
+        section: of the lines.
     """
     squared = np.full((samples, samples), tolerance_m**2)
+
+    def relief(line: Line) -> FloatArray:
+        return line_relief([line], samples, plate_size_m, section=section)
+
     for line in lines:
-        here = _relief(line, samples, plate_size_m, profile)
-        for forth, back in (
-            (shifted(line, tolerance_m, tolerance_m), shifted(line, -tolerance_m, -tolerance_m)),
-            (_along(line, tolerance_m), _along(line, -tolerance_m)),
+        nominal = relief(line)
+        for shifted in (
+            [moved_across(line, shift, shift) for shift in (tolerance_m, -tolerance_m)],
+            [moved_along(line, shift) for shift in (tolerance_m, -tolerance_m)],
         ):
-            changes = [np.abs(_relief(each, samples, plate_size_m, profile) - here) for each in (forth, back)]
-            squared += np.maximum(*changes) ** 2
+            squared += np.maximum(*(np.abs(relief(each) - nominal) for each in shifted)) ** 2
     limit: FloatArray = np.sqrt(squared)
     return limit
-
-
-def _along(line: Line, distance_m: float) -> Line:
-    along = np.subtract(line.end_m, line.start_m)
-    length = float(np.hypot(*along))
-    move = distance_m * along / length if length > 0 else np.array([distance_m, 0.0])
-    start, end = np.add(line.start_m, move), np.add(line.end_m, move)
-    return replace(line, start_m=(float(start[0]), float(start[1])), end_m=(float(end[0]), float(end[1])))
-
-
-def _relief(line: Line, samples: int, plate_size_m: tuple[float, float], profile: Section) -> FloatArray:
-    rows, columns, patch = line_patch(line, samples, plate_size_m, profile=profile)
-    relief = np.zeros((samples, samples))
-    relief[rows, columns] = patch
-    return relief

@@ -9,63 +9,63 @@ line, the image says.
 import torch
 
 from nets.reconstruct.fibres.image_fit import Fitted, ImageFit
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.fit import fit_lines
+from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines
-from warp_caustics.prints.vectorise.robust import fit_lines
 
-ROUNDS = 4
+GROWTH_ROUNDS = 4
 """In which lines are proposed anew, at most."""
-RIDGES = 8
+PROPOSED_RIDGES = 8
 """Highest points of what is unexplained through which lines are proposed, in two directions each."""
-FOLLOWED = 6
+TRIED_PROPOSALS = 6
 """Proposals that are fitted to the image."""
-FITTING = 10
+RELIEF_FIT_ITERATIONS = 10
 """Steps of the fit to what is unexplained of the relief."""
-ITERATIONS = 6
+IMAGE_FIT_ITERATIONS = 6
 """Of L-BFGS, in which a proposal must prove itself."""
-HOPELESS = 1.02
+GIVEN_UP_FACTOR = 1.02
 """A proposal that raises the misfit by this factor before anything has moved is not followed."""
-PATIENCE = 2
+FAILURES_IN_A_ROW = 2
 """Proposals that fail in a row before the others, less promising, are left alone."""
-GAIN = 0.98
+ADDED_LINE_FACTOR = 0.98
 """A new line must lower the misfit by this factor."""
-LOSS = 1.005
+REMOVED_LINE_FACTOR = 1.005
 """A line whose absence raises the misfit by less than this factor is removed."""
 SUPERSAMPLING = 2
 """Of the relief of proposals: a quarter of the time, and exact enough for a start."""
-LOWEST_MM = 0.01
-"""What is unexplained and lower is no line [mm]: a network leaves so much everywhere."""
-UNSURE_MM = 0.05
-"""Spread of the network's answers at which half of what is unexplained counts [mm]."""
-THINNER = (1.0, 0.35)
+LOWEST_LINE_M = 1e-5
+"""What is unexplained and lower is no line [m]: a network leaves so much everywhere."""
+UNSURE_M = 5e-5
+"""Spread of the network's answers at which half of what is unexplained counts [m]."""
+STARTING_WIDTHS = (1.0, 0.35)
 """Widths that a proposal starts with, relative to its ridge: a network widens thin lines, and keeps what is in them."""
 
 
-def grown(fit: ImageFit, lines: torch.Tensor, relief_mm: torch.Tensor, spread_mm: torch.Tensor, most: int) -> Fitted:
+def grown(fit: ImageFit, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: torch.Tensor, most: int) -> Fitted:
     """Lines with those added that the image asks for, one at a time.
 
     Args:
         fit: judges.
-        lines: shape [L, 6] [mm].
-        relief_mm: of the network, shape [n, n] [mm].
-        spread_mm: of its answers, shape [n, n] [mm].
+        lines: shape [L, 6] [m].
+        relief_m: of the network, shape [n, n] [m].
+        spread_m: of its answers, shape [n, n] [m].
         most: lines, at most.
     """
     best = Fitted(lines, fit.loss(fit.model.heights(lines)))
-    for _ in range(ROUNDS):
+    for _ in range(GROWTH_ROUNDS):
         before, failed = best.loss, 0
-        for line in _promising(fit, best, relief_mm, spread_mm):
+        for line in _promising(fit, best, relief_m, spread_m):
             if len(best.lines) >= most:
                 return best
-            if failed == PATIENCE:
+            if failed == FAILURES_IN_A_ROW:
                 break
             both = torch.cat([best.lines, line[None]])
-            if fit.loss(fit.model.heights(both)) > HOPELESS * best.loss:
+            if fit.loss(fit.model.heights(both)) > GIVEN_UP_FACTOR * best.loss:
                 continue  # another one has taken its place
-            found = fit.descend(both, ITERATIONS)
+            found = fit.descend(both, IMAGE_FIT_ITERATIONS)
             # The others have moved too: would they do without it?
             without = fit.loss(fit.model.heights(found.lines[:-1]))
-            if found.loss < GAIN * min(best.loss, without):
+            if found.loss < ADDED_LINE_FACTOR * min(best.loss, without):
                 best, failed = found, 0
             else:
                 failed += 1
@@ -74,31 +74,33 @@ def grown(fit: ImageFit, lines: torch.Tensor, relief_mm: torch.Tensor, spread_mm
     return best
 
 
-def _promising(fit: ImageFit, best: Fitted, relief_mm: torch.Tensor, spread_mm: torch.Tensor) -> list[torch.Tensor]:
+def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
     """Lines that may be missing, those first that explain the image best as they are."""
     total = fit.model.heights(best.lines)
     tried: list[tuple[float, int, torch.Tensor]] = []
-    for line in _proposals(fit.model, relief_mm - total, spread_mm):
+    for line in _proposals(fit.model, relief_m - total, spread_m):
         if fit.report is not None:
             fit.report(best.loss)
         loss = fit.loss(total + fit.model.heights(line[None]))
         tried.append((loss, len(tried), line))
-    return [line for _, _, line in sorted(tried)[:FOLLOWED]]
+    return [line for _, _, line in sorted(tried)[:TRIED_PROPOSALS]]
 
 
-def _proposals(model: LineModel, rest_mm: torch.Tensor, spread_mm: torch.Tensor) -> list[torch.Tensor]:
+def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
     """Lines along what is unexplained, fitted to it; of several starts the best."""
-    size = model.scene.plate_size_m
-    sketch = LineModel(model.scene, model.profile, model.device, model.limits, SUPERSAMPLING)
-    view = rest_mm / (1 + (spread_mm / UNSURE_MM).square()).sqrt()
-    view = torch.where(view > LOWEST_MM, view, 0.0)
-    sigma = (spread_mm.square() + UNSURE_MM**2).sqrt()
+    sketch = LineModel(model.scene, model.section, model.device, model.limits, SUPERSAMPLING)
+    view = rest_m / (1 + (spread_m / UNSURE_M).square()).sqrt()
+    view = torch.where(view > LOWEST_LINE_M, view, 0.0)
+    sigma = (spread_m.square() + UNSURE_M**2).sqrt()
     found = []
-    for ridge in proposed_lines(view.double().cpu().numpy(), (1e3 * size[0], 1e3 * size[1]), RIDGES):
+    for ridge in proposed_lines(view.double().cpu().numpy(), model.scene.plate_size_m, PROPOSED_RIDGES):
         line, fits = torch.from_numpy(ridge), []
-        for factor in THINNER:
-            start = line * line.new_tensor([1, 1, 1, 1, factor, 1 / factor])
-            fitted, loss = fit_lines(sketch, model.clamped(start[None]), rest_mm, sigma, iterations=FITTING)
+        for factor in STARTING_WIDTHS:
+            start = line.clone()
+            start[WIDTH], start[HEIGHT] = factor * line[WIDTH], line[HEIGHT] / factor
+            fitted, loss = fit_lines(
+                sketch, model.clamped(start[None]), rest_m, sigma, iterations=RELIEF_FIT_ITERATIONS
+            )
             fits.append((loss, factor, fitted[0]))
         found.append(min(fits)[2])
     return found
@@ -111,6 +113,6 @@ def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     for k in parts.flatten(1).sum(dim=1).argsort().tolist():
         without = [j for j in kept if j != k]
         loss = fit.loss(parts[without].sum(dim=0))
-        if loss < LOSS * current:
+        if loss < REMOVED_LINE_FACTOR * current:
             kept, current = without, loss
     return Fitted(lines[kept], current)

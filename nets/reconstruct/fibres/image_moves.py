@@ -10,40 +10,42 @@ import torch
 from scipy import ndimage
 
 from nets.reconstruct.fibres.image_fit import ImageFit
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 
-LENGTHS_MM = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
-FACTORS = (0.6, 1.5)
-GAIN = 0.995
+STRETCHES_M = (-2e-3, -1e-3, -5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+RESHAPING_FACTORS = (0.6, 1.5)
+JUMP_FACTOR = 0.995
 """A jump must lower the misfit by this factor."""
-RESHAPED = 6
+RESHAPED_LINES = 6
 """Lines whose width and height are tried too: those with the worst misfit under them."""
-SHORTEST_MM = 0.1
+SHORTEST_M = 1e-4
 
 
 def stretches(line: torch.Tensor) -> Iterator[tuple[torch.Tensor, int, float]]:
-    """Lines with one end moved along, shape [6] [mm]; the column of that end, and the length gained [mm]."""
+    """Lines with one end moved along, shape [6] [m]; the column of that end, and the length gained [m]."""
     length = float((line[2:4] - line[:2]).norm())
-    for change in LENGTHS_MM:
-        if change > -length + SHORTEST_MM:
+    for change in STRETCHES_M:
+        if change > -length + SHORTEST_M:
             for end in (0, 2):
                 yield stretched(line, end, change), end, change
 
 
-def stretched(line: torch.Tensor, end: int, change_mm: float) -> torch.Tensor:
+def stretched(line: torch.Tensor, end: int, change_m: float) -> torch.Tensor:
     """A line [6] longer by so much at the end in column 0 or 2."""
     other = 2 - end
     outward = line[end : end + 2] - line[other : other + 2]
     moved = line.clone()
-    moved[end : end + 2] += change_mm * outward / max(float(outward.norm()), 1e-9)
+    moved[end : end + 2] += change_m * outward / max(float(outward.norm()), 1e-12)
     return moved
 
 
 def shapes(line: torch.Tensor) -> Iterator[torch.Tensor]:
-    """Lines of another width, height, or both at the same cross section, each of shape [6] [mm]."""
-    for factor in FACTORS:
+    """Lines of another width, height, or both at the same cross section, each of shape [6] [m]."""
+    for factor in RESHAPING_FACTORS:
         for width, height in ((1.0, factor), (factor, 1.0), (factor, 1 / factor)):
-            yield line * torch.tensor([1.0, 1.0, 1.0, 1.0, width, height], dtype=line.dtype)
+            reshaped = line.clone()
+            reshaped[WIDTH], reshaped[HEIGHT] = width * line[WIDTH], height * line[HEIGHT]
+            yield reshaped
 
 
 def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[torch.Tensor, bool]:
@@ -51,7 +53,7 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
 
     Args:
         fit: judges; a coarse image will do.
-        lines: shape [L, 6] [mm].
+        lines: shape [L, 6] [m].
         most: lines that are tried, those with the worst misfit under them first; all if None.
     """
     model, lines = fit.model, lines.clone()
@@ -64,7 +66,7 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
 
     worst = suspects(fit, model, parts)[:most]
     for rank, k in enumerate(worst):
-        best, least, where = None, current * GAIN, None
+        best, least, where = None, current * JUMP_FACTOR, None
         for changed, end, change in stretches(lines[k]):
             loss = tried(k, changed)
             if loss < least:
@@ -76,7 +78,7 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
                 loss = tried(k, changed)
                 if loss < least:
                     best, least = changed, loss
-        for changed in shapes(lines[k]) if rank < RESHAPED else ():
+        for changed in shapes(lines[k]) if rank < RESHAPED_LINES else ():
             loss = tried(k, changed)
             if loss < least:
                 best, least = changed, loss
@@ -94,10 +96,10 @@ def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
     Args:
         fit: gives the measured image.
         model: gives the grid.
-        parts: each line alone [mm], shape [L, n, n].
+        parts: each line alone [m], shape [L, n, n].
     """
     with torch.no_grad():
-        image = fit.simulator((1e-3 * parts.sum(dim=0)).contiguous())
+        image = fit.simulator(parts.sum(dim=0).contiguous())
     misfit = ((image - fit.measurement.irradiance).abs() * fit.measurement.weight).mean(dim=0)
     cells = torch.nn.functional.adaptive_avg_pool2d(misfit[None], model.n)[0].cpu().numpy()
     scores = []

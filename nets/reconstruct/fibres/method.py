@@ -17,15 +17,15 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.explained import Discrepancy, is_explained
+from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.line import Section
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
-from warp_caustics.prints.vectorise.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
     ProgressCallback,
@@ -137,7 +137,7 @@ class _Run:
             residual = self.resimulation(found).residual
             counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
             if residual < answer.residual:
-                heights, fibres = found, 1e-3 * self.lines.numpy()
+                heights, fibres = found, self.lines.numpy()
                 is_noise_left = is_explained(self.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
@@ -187,8 +187,8 @@ class _Run:
         return Discrepancy(self.method.scene, self.image, self.method.device)
 
     def _relief(self, lines: torch.Tensor) -> FloatArray:
-        """Heights of lines [mm], shape [n, n] [m]."""
-        return as_glass(1e-3 * self.method.model.heights(lines).double().cpu().numpy(), self.method.scene)
+        """Heights of lines, shape [n, n] [m]."""
+        return as_glass(self.method.model.heights(lines).double().cpu().numpy(), self.method.scene)
 
     def _fit(self) -> None:
         method, scene = self.method, self.method.scene
@@ -199,7 +199,7 @@ class _Run:
         pixels = method.options.pixels_on(method.device.type, scene)
         most = method.options.most_lines
         start = lines_of_relief(method.model, heights, spread, most=most)
-        relief_mm, spread_mm = (1e3 * values.to(method.device, torch.float32) for values in (heights, spread))
+        relief_m, spread_m = (values.to(method.device, torch.float32) for values in (heights, spread))
         search = LineSearch(
             scene,
             self.image,
@@ -207,7 +207,7 @@ class _Run:
             pixels,
             jumps=method.options.jumps,
             iterations=self.iterations,
-            answer=Answer(relief_mm, spread_mm, most),
+            answer=Answer(relief_m, spread_m, most),
             is_explained=lambda lines: is_explained(self.discrepancy(self._relief(lines))),
             report=self._note,
         )

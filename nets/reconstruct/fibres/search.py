@@ -8,29 +8,28 @@ import torch
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
 ITERATIONS = 40
 """Of L-BFGS between jumps; half as many on more pixels after a search."""
 
-LAST = 15
-"""Iterations on all pixels. They bring six own plates, printed with some noise and seen by a model camera, from errors
+FINAL_ITERATIONS = 15
+"""Of L-BFGS on all pixels. They bring six own plates, printed with some noise and seen by a model camera, from errors
 of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of the image down to its noise."""
 
-FIRST, LATER = 12, 6
+JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 """Lines that may jump in the first round and in others, those with the worst misfit under them."""
 
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
 
-
-MORE = 3
+FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
 
-WORTH = 0.99
+ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
 
 
@@ -39,13 +38,13 @@ class Answer:
     """What a network says of the relief.
 
     Attributes:
-        relief_mm: shape [n, n] [mm].
-        spread_mm: how far its answers lie apart, shape [n, n] [mm].
+        relief_m: shape [n, n] [m].
+        spread_m: how far its answers lie apart, shape [n, n] [m].
         most: lines it may consist of.
     """
 
-    relief_mm: torch.Tensor
-    spread_mm: torch.Tensor
+    relief_m: torch.Tensor
+    spread_m: torch.Tensor
     most: int = 60
 
 
@@ -80,7 +79,7 @@ class LineSearch:
     ):
         self.jumps, self.iterations, self.answer, self.is_explained = jumps, iterations, answer, is_explained
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
-        """The best so far, shape [L, 6] [mm]; stays when ``run`` is interrupted."""
+        """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
         def fit(size: int) -> ImageFit:
             return ImageFit(scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report)
@@ -91,10 +90,10 @@ class LineSearch:
             self.coarse = ImageFit(scene, image, model, pixels // 2, report=report)
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
-        """Lines that explain the image better, shape [L, 6] [mm].
+        """Lines that explain the image better, shape [L, 6] [m].
 
         Args:
-            start: shape [L, 6] [mm], float64.
+            start: shape [L, 6] [m], float64.
         """
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
@@ -103,7 +102,7 @@ class LineSearch:
         else:
             self.lines = self.fine.descend(start, self.iterations).lines
         self._finish()
-        for _ in range(MORE if self.jumps else 0):
+        for _ in range(FINE_ROUNDS if self.jumps else 0):
             if self.is_explained is None or self.is_explained(self.lines):
                 break
             before = self.lines
@@ -115,7 +114,7 @@ class LineSearch:
 
     def _finish(self) -> None:
         if self.last is not None:
-            self.lines = self.last.descend(self.lines, min(LAST, self.iterations)).lines
+            self.lines = self.last.descend(self.lines, min(FINAL_ITERATIONS, self.iterations)).lines
 
     def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> torch.Tensor:
         """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time."""
@@ -125,13 +124,14 @@ class LineSearch:
             before = best.loss
             if self.answer is not None:
                 best = pruned(fit, best.lines)
-                best = grown(fit, best.lines, self.answer.relief_mm, self.answer.spread_mm, self.answer.most)
+                best = grown(fit, best.lines, self.answer.relief_m, self.answer.spread_m, self.answer.most)
                 self.lines = best.lines
-            moved, has_jumped = jump(fit, best.lines, FIRST if number == 0 and rounds is None else LATER)
+            most = JUMPING_LINES_FIRST if number == 0 and rounds is None else JUMPING_LINES_LATER
+            moved, has_jumped = jump(fit, best.lines, most)
             if has_jumped or self.answer is not None:
                 found = fit.descend(moved, self.iterations)
                 best = found if found.loss < best.loss else best
                 self.lines = best.lines
-            if best.loss > WORTH * before:
+            if best.loss > ROUND_FACTOR * before:
                 break
         return best.lines

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cli.inspection.job
-from nets.inspection.from_design import DesignResult
+from nets.inspection.from_nominal import FromNominalResult
 from warp_caustics.prints.fit import FittedLine
 from warp_caustics.reconstruct.base import Reconstruction
 
@@ -22,15 +22,15 @@ class FakeMethod:
     stop_reason: str = "max_iterations"
     calls: int = 0
 
-    def reconstruct(self, image, nominal, lines=(), *, progress=None):
+    def reconstruct(self, image, nominal, *, progress=None):
         self.calls += 1
         if self.fail is not None:
             raise self.fail
         result = Reconstruction(
-            "design", nominal + self.excess_m, 0.9 * image.irradiance, 0.1, self.stop_reason,
-            timings_s={"free": 0.5}, uncertainty_m=np.full(nominal.shape, 1e-6),
+            "design", nominal.relief_m + self.excess_m, 0.9 * image.irradiance, 0.1, self.stop_reason,
+            timings_s={"free": 0.5}, uncertainty_m=np.full(nominal.relief_m.shape, 1e-6),
         )  # fmt: skip
-        return DesignResult(result, tuple(FittedLine(line, 0.0, 0.0, 1e-6, 1e-6) for line in lines))
+        return FromNominalResult(result, tuple(FittedLine(line, 0.0, 0.0, 1e-6, 1e-6) for line in nominal.lines))
 
 
 @pytest.fixture

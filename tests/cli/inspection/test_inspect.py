@@ -137,6 +137,39 @@ def test_the_lines_of_a_height_map(fake, inputs, relief, tmp_path, capsys):
     assert "leave --find-lines out, or give the list of lines" in capsys.readouterr().err
 
 
+def test_the_section_of_the_lines_reaches_the_verdict(fake, inputs, lines_csv, tmp_path, monkeypatch):
+    """Relief, tolerance zone and fibres are those of lines of that section."""
+    import cli.inspect
+    from cli.inspection.job import InspectionJob
+    from warp_caustics.prints.line import SECTIONS, line_relief
+    from warp_caustics.prints.line_list import read_lines
+    from warp_caustics.prints.tolerance import line_limit
+
+    assert cli.inspect.SECTIONS == SECTIONS
+    lines, found, settings = read_lines(lines_csv), {}, {}
+    run = InspectionJob.run
+
+    def watched(job, *arguments, **options):
+        outcome = run(job, *arguments, **options)
+        found[job.nominal.section], settings[job.nominal.section] = outcome.inspection, job.settings
+        return outcome
+
+    monkeypatch.setattr(InspectionJob, "run", watched)
+    arguments = (inputs / "image.tif", "--nominal", lines_csv)
+    assert inspect(*arguments, "-o", tmp_path / "a") == 0
+    assert inspect(*arguments, "-o", tmp_path / "b", "--section", "quarter") == 0
+    assert tuple(found) == SECTIONS and len(set(settings.values())) == 2
+    for section, inspection in found.items():
+        np.testing.assert_array_equal(inspection.nominal_m, line_relief(lines, 32, (0.05, 0.05), section=section))
+        zone = line_limit(lines, 32, (0.05, 0.05), 5e-5, section=section)
+        is_zone = np.isclose(inspection.limit_m, zone, rtol=1e-9)
+        assert (is_zone | (inspection.limit_m > zone)).all() and is_zone.mean() > 0.5
+        assert inspection.fibres[0].volume_m3 == pytest.approx(inspection.nominal_volume_m3)
+    record = json.loads((tmp_path / "b" / "inspection.json").read_text())
+    assert "of section 'quarter'" in record["design"]
+    assert "of section" not in json.loads((tmp_path / "a" / "inspection.json").read_text())["design"]
+
+
 @pytest.mark.slow
 def test_a_real_reconstruction_finds_a_bump(inputs, relief, tmp_path):
     """End to end without a network, from an image: the design lacks half of the line's height."""

@@ -7,7 +7,7 @@ import torch
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.search import Answer, LineSearch
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -15,7 +15,7 @@ from warp_caustics.simulator import CausticSimulator
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N)
 MODEL = LineModel(SCENE)
-LINES = torch.tensor(
+LINES = 1e-3 * torch.tensor(
     [
         [-15.0, -12.0, 14.0, 9.0, 4.0, 0.7],
         [-9.0, 15.0, 10.0, -16.0, 3.2, 0.9],
@@ -29,13 +29,13 @@ NONE = torch.zeros(N, N)
 
 def seen(lines):
     """With 1 % noise."""
-    simulated = CausticSimulator(SCENE)(1e-3 * MODEL.heights(lines)).numpy()
+    simulated = CausticSimulator(SCENE)(MODEL.heights(lines)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.01 * noise).astype(np.float32), np.full(3, 0.01))
 
 
 def error_um(lines, expected=LINES):
-    return 1e3 * float((MODEL.heights(lines) - MODEL.heights(expected)).square().mean().sqrt())
+    return 1e6 * float((MODEL.heights(lines) - MODEL.heights(expected)).square().mean().sqrt())
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def fit():
 def answer_of(lines, wrong_um=5.0):
     """A relief as a network finds it: a few micrometres wrong everywhere, and unsure of that."""
     noise = torch.randn(N, N, generator=torch.Generator().manual_seed(2))
-    return MODEL.heights(lines) + 1e-3 * wrong_um * noise, torch.full((N, N), 1e-3 * wrong_um)
+    return MODEL.heights(lines) + 1e-6 * wrong_um * noise, torch.full((N, N), 1e-6 * wrong_um)
 
 
 @pytest.mark.parametrize("missing", [0, 2])
@@ -61,7 +61,7 @@ def test_a_missing_line_is_added(fit, missing):
 
 def test_nothing_is_added_to_what_explains_the_image(fit):
     """Even where the network saw a line that is not there; and never more than allowed."""
-    ghost = torch.tensor([[-5.0, -20.0, 15.0, -20.0, 3.0, 0.3]], dtype=torch.float64)
+    ghost = 1e-3 * torch.tensor([[-5.0, -20.0, 15.0, -20.0, 3.0, 0.3]], dtype=torch.float64)
     relief, spread = answer_of(torch.cat([LINES, ghost]))
     found = grown(fit, LINES, relief, spread, most=10)
     assert torch.equal(found.lines, LINES)
@@ -70,7 +70,7 @@ def test_nothing_is_added_to_what_explains_the_image(fit):
 
 
 def test_superfluous_lines_are_removed(fit):
-    spare = torch.tensor(
+    spare = 1e-3 * torch.tensor(
         [[-5.0, -20.0, 15.0, -20.0, 3.0, 0.01], [5.0, 20.0, 5.1, 20.0, 0.1, 0.01]], dtype=torch.float64
     )
     found = pruned(fit, torch.cat([spare, LINES]))
@@ -80,9 +80,9 @@ def test_superfluous_lines_are_removed(fit):
 
 
 def test_a_search_finds_what_is_missing_and_drops_what_is_not_there():
-    spare = torch.tensor([[-5.0, -20.0, 15.0, -20.0, 3.0, 0.02]], dtype=torch.float64)
+    spare = 1e-3 * torch.tensor([[-5.0, -20.0, 15.0, -20.0, 3.0, 0.02]], dtype=torch.float64)
     answer = Answer(*answer_of(LINES))
-    start = torch.cat([LINES[:2] + 0.05, spare])
+    start = torch.cat([LINES[:2] + 5e-5, spare])
     search = LineSearch(SCENE, seen(LINES), MODEL, 2 * N, jumps=1, iterations=15, answer=answer)
     found = search.run(start)
     assert len(found) == 3 and error_um(found) < 1.0 < 20 < error_um(start)

@@ -11,14 +11,14 @@ from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspect
 from nets.reconstruct.methods import create
 from nets.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N)
-LINES = torch.tensor(
+LINES = 1e-3 * torch.tensor(
     [[-15.0, -12.0, 14.0, 9.0, 4.0, 0.7], [-9.0, 15.0, 10.0, -16.0, 3.2, 0.9], [-18.0, 5.0, 17.0, 15.0, 4.4, 0.5]],
     dtype=torch.float64,
 )
@@ -32,31 +32,31 @@ def model():
 @pytest.fixture(scope="module")
 def image(model):
     """With 1 % noise."""
-    simulated = CausticSimulator(SCENE)(1e-3 * model.heights(LINES)).numpy()
+    simulated = CausticSimulator(SCENE)(model.heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.01 * noise).astype(np.float32), np.full(3, 0.01))
 
 
 def error_um(model, lines, expected=LINES):
-    return 1e3 * float((model.heights(lines) - model.heights(expected)).square().mean().sqrt())
+    return 1e6 * float((model.heights(lines) - model.heights(expected)).square().mean().sqrt())
 
 
 def test_gradient_with_respect_to_lines(model, image):
     """Along a random direction, against central differences."""
     model = LineModel(SCENE, supersampling=8)
     fit = ImageFit(SCENE, image, model, 2 * N)
-    off = LINES + 0.1
+    off = LINES + 1e-4
     parts, derivatives = model.parts(off)
     _, gradient = fit.with_gradient(parts.sum(0))
     direction = torch.randn(off.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     slope = float((derivatives.flatten(2) @ gradient.flatten()).double().flatten() @ direction.flatten())
-    step = 1e-3
+    step = 1e-6
     ahead, behind = (fit.loss(model.heights(off + s * step * direction)) for s in (1, -1))
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.05)
 
 
 def test_descent_finds_the_lines_from_near(model, image):
-    shift = torch.tensor([0.3, -0.2, -0.2, 0.3, 0.2, -0.05], dtype=torch.float64)
+    shift = 1e-3 * torch.tensor([0.3, -0.2, -0.2, 0.3, 0.2, -0.05], dtype=torch.float64)
     fit = ImageFit(SCENE, image, model, 4 * N)
     start = LINES + shift
     found = fit.descend(start, 40)
@@ -70,7 +70,7 @@ def test_a_short_line_jumps_to_its_length(model, image):
     """What descent does not: the last 8 mm of a line are missing."""
     short = LINES.clone()
     along = (short[0, 2:4] - short[0, :2]) / (short[0, 2:4] - short[0, :2]).norm()
-    short[0, 2:4] -= 8 * along
+    short[0, 2:4] -= 8e-3 * along
     fit = ImageFit(SCENE, image, model, 2 * N)
     moved, has_jumped = jump(fit, short)
     assert has_jumped and error_um(model, moved) < 0.3 * error_um(model, short)
@@ -88,7 +88,7 @@ def test_jumps_change_one_thing_at_a_time():
         assert float((changed[2:4] - changed[:2]).norm()) == pytest.approx(length + change)
     reshaped = torch.stack(list(shapes(line)))
     assert torch.equal(reshaped[:, :4], line[:4].expand(6, 4)) and (reshaped[:, 4:] != line[4:]).any(1).all()
-    dot = torch.tensor([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
+    dot = 1e-3 * torch.tensor([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
     assert all(change > 0 and changed.isfinite().all() for changed, _, change in stretches(dot))
 
 
@@ -111,7 +111,7 @@ def answering(monkeypatch, saved):
 @pytest.mark.parametrize("exposure", [1.0, 0.95])
 def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering, exposure):
     """Whatever the exposure: it is told by the sum of the light."""
-    truth = 1e-3 * model.heights(LINES).double().numpy()
+    truth = model.heights(LINES).double().numpy()
     wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
     wrong[20:24, 20:24] += 1e-4
     seen = CausticImage(image.irradiance * np.float32(exposure), image.noise_std * exposure)
@@ -145,7 +145,7 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
     """Lines alone explain the first plate; the second has a lump that only the network's answer shows."""
     centre = (np.arange(N) + 0.5) / N - 0.5
     lump = lumps * np.exp(-((centre[:, None] - 0.3) ** 2 + (centre[None] + 0.3) ** 2) / 0.01)
-    truth = 1e-3 * model.heights(LINES).double().numpy() + lump
+    truth = model.heights(LINES).double().numpy() + lump
     seen = CausticSimulator(SCENE)(torch.tensor(truth, dtype=torch.float32)).numpy()
     wrong = truth + (2e-7 if lumps else 2e-6) * np.random.default_rng(1).standard_normal(truth.shape)
     method = answering(wrong, most_lines=3, refine_iterations=3, max_iterations=8, jumps=0)
@@ -161,7 +161,7 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
 
 def test_lines_that_leave_only_noise_are_surer_than_the_network(model, image, monkeypatch, saved):
     """Eight answers that are 20 um apart."""
-    truth = 1e-3 * model.heights(LINES)
+    truth = model.heights(LINES)
     generator = torch.Generator().manual_seed(3)
     wrong = 2e-5 * torch.randn(8, N, N, generator=generator) * (truth > 1e-5)
     copies = iter((seen_in(truth, all_symmetries(SCENE)) + wrong).split(SYMMETRIES_AT_ONCE["cpu"]))
@@ -175,7 +175,7 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(model, image, mo
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):
     """One line too few may be used: more than noise is left."""
-    truth = 1e-3 * model.heights(LINES[:2]).double().numpy()
+    truth = model.heights(LINES[:2]).double().numpy()
     result = answering(truth, most_lines=2, jumps=1, max_iterations=10, refine_iterations=2).reconstruct(image)
     assert result.counters["discrepancy"] > 2
     assert any("times its noise" in warning for warning in result.warnings)
@@ -189,7 +189,7 @@ def test_nothing_printed(answering):
 
 
 def test_limits(model, image, answering):
-    truth = 1e-3 * model.heights(LINES).double().numpy()
+    truth = model.heights(LINES).double().numpy()
     late = answering(truth, max_time_s=1e-3).reconstruct(image)
     assert late.stop_reason == "max_time" and np.isfinite(late.heights_m).all()
 

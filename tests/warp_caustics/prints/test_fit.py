@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from warp_caustics.inspection.fibres import fibre_findings
-from warp_caustics.prints.fit import fit_lines, shifted
-from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.fit import fit_design
+from warp_caustics.prints.line import Line, line_relief, moved_across
+from warp_caustics.prints.model import LineModel
+from warp_caustics.scene import Scene
 
 PLATE = (0.05, 0.05)
 N = 64
@@ -18,6 +20,7 @@ LINES = [
 ]
 SIGMA = np.full((N, N), 3e-6)
 TOLERANCE = 5e-5
+MODEL = LineModel(Scene(height_samples=N, image_pixels=N, plate_size_m=PLATE))
 
 
 def relief(lines):
@@ -26,7 +29,7 @@ def relief(lines):
 
 def findings(printed, sigma=SIGMA):
     deviation = relief(printed) - relief(LINES)
-    fitted = fit_lines(LINES, relief(printed), sigma, PLATE)
+    fitted = fit_design(MODEL, LINES, relief(printed), sigma)
     limit = np.full((N, N), TOLERANCE)
     out = np.abs(deviation) > limit
     return fibre_findings(LINES, fitted, out, deviation, limit, TOLERANCE, PLATE)
@@ -37,7 +40,7 @@ def status(printed, sigma=SIGMA):
 
 
 def test_a_plate_as_designed_fits_exactly():
-    for fit in fit_lines(LINES, relief(LINES), SIGMA, PLATE):
+    for fit in fit_design(MODEL, LINES, relief(LINES), SIGMA):
         assert abs(fit.height_error_m) < 1e-9 and abs(fit.displacement_m) < 1e-9
     assert status(LINES) == ["as designed"] * 3
 
@@ -45,10 +48,11 @@ def test_a_plate_as_designed_fits_exactly():
 def test_small_errors_are_measured():
     """Heights off by 20 um, ends by some ten; overlaps shared out."""
     printed = [
-        replace(shifted(line, 3e-5 * k, -2e-5), height_m=line.height_m + 2e-5 * (k - 1)) for k, line in enumerate(LINES)
+        replace(moved_across(line, 3e-5 * k, -2e-5), height_m=line.height_m + 2e-5 * (k - 1))
+        for k, line in enumerate(LINES)
     ]
     noise = np.random.default_rng(1).normal(0, 1e-6, (N, N))
-    for k, fit in enumerate(fit_lines(LINES, relief(printed) + noise, SIGMA, PLATE)):
+    for k, fit in enumerate(fit_design(MODEL, LINES, relief(printed) + noise, SIGMA)):
         assert fit.height_error_m == pytest.approx(2e-5 * (k - 1), abs=3e-6)
         assert fit.displacement_m == pytest.approx((3e-5 * k - 2e-5) / 2, abs=5e-6)
 
@@ -69,7 +73,7 @@ def test_a_wrong_height_is_named(change, name):
 
 @pytest.mark.parametrize("shift", [4e-4, -1e-3, 1.7e-3])
 def test_a_displaced_fibre_is_named_near_and_far(shift):
-    printed = [LINES[0], shifted(LINES[1], shift, shift), LINES[2]]
+    printed = [LINES[0], moved_across(LINES[1], shift, shift), LINES[2]]
     found = findings(printed)
     assert [fibre.status for fibre in found] == ["as designed", "displaced", "as designed"]
     assert found[1].displacement_m == pytest.approx(abs(shift), abs=2e-5)
@@ -80,7 +84,7 @@ def test_patches_of_error_do_not_drag_a_line():
     """A crossing that was measured 0.3 mm wrong."""
     heights = relief(LINES)
     heights[15:21, 36:42] += 3e-4
-    for fit in fit_lines(LINES, heights, SIGMA, PLATE):
+    for fit in fit_design(MODEL, LINES, heights, SIGMA):
         assert abs(fit.height_error_m) < 1.5e-5 and abs(fit.displacement_m) < 2e-5
 
 
@@ -104,7 +108,7 @@ def test_what_cannot_be_seen_is_hidden():
 
 def test_odd_numbers_without_a_deviation_are_no_fault():
     """A fault needs cells out of tolerance."""
-    fitted = fit_lines(LINES, relief([replace(LINES[0], height_m=0.0), *LINES[1:]]), SIGMA, PLATE)
+    fitted = fit_design(MODEL, LINES, relief([replace(LINES[0], height_m=0.0), *LINES[1:]]), SIGMA)
     nothing = np.zeros((N, N), bool)
     found = fibre_findings(LINES, fitted, nothing, np.zeros((N, N)), np.full((N, N), TOLERANCE), TOLERANCE, PLATE)
     assert [fibre.status for fibre in found] == ["as designed"] * 3

@@ -24,10 +24,10 @@ def test_demo_relief_is_reproduced():
 
 
 @pytest.mark.parametrize(
-    ("profile", "expected"), [("cosine", [2.0, 1.0, 0.0, 0.0]), ("quarter", [2.0, math.sqrt(2), 0.0, 0.0])]
+    ("section", "expected"), [("cosine", [2.0, 1.0, 0.0, 0.0]), ("quarter", [2.0, math.sqrt(2), 0.0, 0.0])]
 )
-def test_profile_at_centre_quarter_edge_and_outside(profile, expected):
-    heights = line_profile(np.array([0.0, 1.0, 2.0, 2.5]), width_m=4.0, height_m=2.0, profile=profile)
+def test_profile_at_centre_quarter_edge_and_outside(section, expected):
+    heights = line_profile(np.array([0.0, 1.0, 2.0, 2.5]), width_m=4.0, height_m=2.0, section=section)
     np.testing.assert_allclose(heights, expected, atol=1e-15)
 
 
@@ -50,18 +50,18 @@ def test_row_grows_with_y_and_column_with_x():
     assert relief[25:].max() == 0.0
 
 
-@pytest.mark.parametrize("profile", ["cosine", "quarter"])
-def test_volume_of_a_thin_line_survives_supersampling(profile):
+@pytest.mark.parametrize("section", ["cosine", "quarter"])
+def test_volume_of_a_thin_line_survives_supersampling(section):
     """Cross-section times length plus the two half discs at the ends; width a quarter of a cell."""
     width, height, length = 1e-4, 1e-3, 0.0317
     line = Line((-0.0111, 0.0032), (-0.0111 + length * math.cos(0.4), 0.0032 + length * math.sin(0.4)), width, height)
-    section, disc = {
+    area, disc = {
         "cosine": (width * height / 2, height * width**2 * (math.pi / 8 - 1 / (2 * math.pi))),
         "quarter": (2 * width * height / math.pi, height * width**2 * (1 - 2 / math.pi)),
-    }[profile]
-    relief = line_relief([line], 125, PLATE, profile=profile, supersampling=16)
+    }[section]
+    relief = line_relief([line], 125, PLATE, section=section, supersampling=16)
     volume = relief.mean() * PLATE[0] * PLATE[1]
-    assert volume == pytest.approx(section * length + disc, rel=0.01)
+    assert volume == pytest.approx(area * length + disc, rel=0.01)
 
 
 def test_a_line_without_length_is_a_round_drop():

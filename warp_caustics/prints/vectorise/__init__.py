@@ -1,8 +1,4 @@
-"""From a relief to the lines it was printed with: Tab. 3's model, fitted.
-
-A line is a row (x0, y0, x1, y1, width, height) in millimetres, which keeps all
-six numbers and their derivatives of similar size.
-"""
+"""From a relief to the lines it was printed with: Tab. 3's model, fitted."""
 
 from warp_caustics.prints.vectorise.lines import lines_of_relief
 

@@ -2,13 +2,13 @@
 
 import torch
 
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.fit import fit_lines
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise.moves import LineSet
-from warp_caustics.prints.vectorise.robust import fit_lines
 
-FLOORS_MM = (0.04, 0.01, 0.004)
-"""Expected size of residuals on bare plate in one stage after the other: large ones first, so that early lines are not
-bent to explain what later ones will."""
+FLOORS_M = (4e-5, 1e-5, 4e-6)
+"""Expected size of residuals on bare plate in one stage after the other [m]: large ones first, so that early lines are
+not bent to explain what later ones will."""
 MOST_LINES = 60
 ROUNDS = 4
 
@@ -28,11 +28,11 @@ def lines_of_relief(
         most: number of lines at most.
 
     Returns:
-        Lines, shape [L, 6] (LINE_COLUMNS) [mm], float64, on the CPU.
+        Lines, shape [L, 6] (LINE_COLUMNS) [m], float64, on the CPU.
     """
-    relief, spread = (1e3 * values.to(model.device, torch.float32) for values in (relief_m, spread_m))
+    relief, spread = (values.to(model.device, torch.float32) for values in (relief_m, spread_m))
     found = LineSet(model, relief, spread)
-    for floor in FLOORS_MM:
+    for floor in FLOORS_M:
         found.focus(floor)
         for _ in range(ROUNDS):
             found.grow(most)

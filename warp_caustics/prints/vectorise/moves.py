@@ -3,23 +3,31 @@
 import numpy as np
 import torch
 
-from warp_caustics.prints.vectorise.model import LineModel
+from warp_caustics.prints.fit import fit_lines, loss_of
+from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines
-from warp_caustics.prints.vectorise.robust import fit_lines, loss_of
 
-PENALTY = 20.0
+LINE_PENALTY = 20.0
 """Loss that a line must save. Six numbers for 16,384 heights would be worth 6/2 ln 16384 = 29 if their errors were
 independent, and half of it on the loss's scale; chosen on own fields."""
-RIDGES = 10
+PROPOSED_RIDGES = 10
 """Highest points through which lines are proposed."""
-FOLLOWED = 8
+FITTED_PROPOSALS = 8
 """Proposals that are fitted."""
-LOW_MM = 0.1
+LOW_M = 1e-4
 """Height given to proposals from residuals relative to their expected size, whose height is no height."""
-RIVAL = 0.2
+RIVAL_OVERLAP = 0.2
 """Overlap (cosine of the angle between heights) from which one line may take another's place."""
-HOPELESS = 150.0
+GIVEN_UP_LOSS = 150.0
 """A change that raises the loss by so much before the other lines have moved is not followed."""
+
+UNSURE_M = 5e-5
+"""Spread at which residuals count half in the search for ridges [m]."""
+LARGEST_ASIDE_M, LARGEST_GAP_M = 2e-4, 1e-3
+"""How far lines that continue each other may lie beside one straight line, besides half their width, and apart, besides
+a quarter of their length [m]."""
+DROP_LENGTH_M = 3e-4
+"""Length that a drop counts for when two lines are joined [m]."""
 
 
 class LineSet:
@@ -27,19 +35,19 @@ class LineSet:
 
     Args:
         model: renders lines.
-        relief_mm: to be explained, shape [n, n].
-        spread_mm: of the answers it is the mean of, shape [n, n].
+        relief_m: to be explained, shape [n, n].
+        spread_m: of the answers it is the mean of, shape [n, n].
     """
 
-    def __init__(self, model: LineModel, relief_mm: torch.Tensor, spread_mm: torch.Tensor):
-        self.model, self.relief, self.spread = model, relief_mm, spread_mm
-        self.sigma = spread_mm
+    def __init__(self, model: LineModel, relief_m: torch.Tensor, spread_m: torch.Tensor):
+        self.model, self.relief, self.spread = model, relief_m, spread_m
+        self.sigma = spread_m
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.loss = np.inf
 
-    def focus(self, floor_mm: float) -> None:
-        """Expect residuals of the spread and of ``floor_mm``, and fit again."""
-        self.sigma = (self.spread.square() + floor_mm**2).sqrt()
+    def focus(self, floor_m: float) -> None:
+        """Expect residuals of the spread and of ``floor_m``, and fit again."""
+        self.sigma = (self.spread.square() + floor_m**2).sqrt()
         self.refit(20)
 
     def refit(self, iterations: int) -> None:
@@ -51,10 +59,10 @@ class LineSet:
         grown = False
         while len(self.lines) < most:
             best, loss = self._best_addition()
-            if best is None or loss > self.loss - 0.5 * PENALTY:
+            if best is None or loss > self.loss - 0.5 * LINE_PENALTY:
                 break
             lines, loss = fit_lines(self.model, best, self.relief, self.sigma, iterations=6)
-            if loss > self.loss - PENALTY:
+            if loss > self.loss - LINE_PENALTY:
                 break
             self.lines, self.loss, grown = lines, loss, True
         return grown
@@ -62,10 +70,10 @@ class LineSet:
     def _best_addition(self) -> tuple[torch.Tensor | None, float]:
         rest = self.relief - self.model.heights(self.lines)
         # Large residuals, and residuals that are large for their place.
-        shown = (rest / (1 + (self.spread / 0.05).square()).sqrt(), rest / self.sigma)
-        size = tuple(1e3 * length for length in self.model.scene.plate_size_m)
-        ridges = [proposed_lines(view.double().cpu().numpy(), (size[0], size[1]), RIDGES) for view in shown]
-        ridges[1][:, 5] = LOW_MM
+        shown = (rest / (1 + (self.spread / UNSURE_M).square()).sqrt(), rest / self.sigma)
+        size = self.model.scene.plate_size_m
+        ridges = [proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES) for view in shown]
+        ridges[1][:, HEIGHT] = LOW_M
         best, least = None, np.inf
         for ridge in self._promising(rest, torch.from_numpy(np.concatenate(ridges))):
             tried = torch.cat([self.lines, ridge[None]])
@@ -79,7 +87,7 @@ class LineSet:
         heights = self.model.parts(ridges)[0]
         squared = ((rest - heights) / self.sigma).square()
         loss = (squared / (1 + squared)).flatten(1).sum(dim=1)
-        return ridges[loss.cpu().argsort()[:FOLLOWED]]
+        return ridges[loss.cpu().argsort()[:FITTED_PROPOSALS]]
 
     def merge(self) -> None:
         """Make one line of two that continue each other, where that costs less than a line saves."""
@@ -96,10 +104,10 @@ class LineSet:
                 tried = torch.cat([self.lines[kept], torch.from_numpy(joined)[None]])
                 last = [len(tried) - 1]
                 tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=last)
-                if loss > self.loss + PENALTY + HOPELESS:
+                if loss > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
                     continue
                 tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8)
-                if loss < self.loss + PENALTY:
+                if loss < self.loss + LINE_PENALTY:
                     self.lines, self.loss = tried, loss
                     return True
         return False
@@ -109,7 +117,7 @@ class LineSet:
         k = 0
         while k < len(self.lines):
             kept, loss = self._without(k)
-            if loss < self.loss + PENALTY:
+            if loss < self.loss + LINE_PENALTY:
                 self.lines, self.loss = kept, loss
             else:
                 k += 1
@@ -119,13 +127,13 @@ class LineSet:
         parts = self.model.parts(self.lines)[0].flatten(1)
         norms = parts.norm(dim=1).clamp_min(1e-12)
         shared = (parts @ parts[k]) / (norms * norms[k])
-        rivals = [j - (j > k) for j in range(len(self.lines)) if j != k and float(shared[j]) > RIVAL]
+        rivals = [j - (j > k) for j in range(len(self.lines)) if j != k and float(shared[j]) > RIVAL_OVERLAP]
         kept = torch.cat([self.lines[:k], self.lines[k + 1 :]])
         if rivals:
             kept, loss = fit_lines(self.model, kept, self.relief, self.sigma, iterations=8, only=rivals)
         else:
             loss = loss_of(self.relief - self.model.heights(kept), self.sigma)
-        if loss > self.loss + PENALTY + HOPELESS:
+        if loss > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
             return kept, loss
         return fit_lines(self.model, kept, self.relief, self.sigma, iterations=6)
 
@@ -134,22 +142,22 @@ def joined_line(a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
     """One line from end to end of two that lie on one straight line with little gap; None for others.
 
     Args:
-        a: a line, shape [6] [mm].
+        a: a line, shape [6] [m].
         b: another one.
     """
     ends = np.array([a[:2], a[2:4], b[:2], b[2:4]])
     distances = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1))
     i, j = np.unravel_index(int(distances.argmax()), distances.shape)
     total = distances[i, j]
-    if total < 1e-6:
+    if total < 1e-9:
         return None
     direction = (ends[j] - ends[i]) / total
     normal = np.array([-direction[1], direction[0]])
-    if np.abs((ends - ends[i]) @ normal).max() > 0.5 * max(a[4], b[4]) + 0.2:
+    if np.abs((ends - ends[i]) @ normal).max() > 0.5 * max(a[WIDTH], b[WIDTH]) + LARGEST_ASIDE_M:
         return None
     lengths = np.array([distances[0, 1], distances[2, 3]])
-    if total - lengths.sum() > 0.25 * total + 1.0:
+    if total - lengths.sum() > 0.25 * total + LARGEST_GAP_M:
         return None
-    share = (lengths + 0.3) / (lengths + 0.3).sum()
-    joined: np.ndarray = np.concatenate([ends[i], ends[j], share[0] * a[4:] + share[1] * b[4:]])
+    share = (lengths + DROP_LENGTH_M) / (lengths + DROP_LENGTH_M).sum()
+    joined: np.ndarray = np.concatenate([ends[i], ends[j], share[0] * a[WIDTH:] + share[1] * b[WIDTH:]])
     return joined

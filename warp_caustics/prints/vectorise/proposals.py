@@ -7,26 +7,26 @@ from scipy import ndimage
 from warp_caustics.types import FloatArray
 
 ANGLES = 24
-REACH = 100
+FOLLOWED_STEPS = 100
 """Steps of half a sample along which a ridge is followed, each way."""
-SUPPORT = 0.45
+RIDGE_END_SHARE = 0.45
 """A ridge ends where it falls below this share of its height at the start: lines on top only raise it."""
-APART = 6.0
+STARTS_APART = 6.0
 """Distance of the starts of different proposals [samples]."""
 
 
-def proposed_lines(residual_mm: FloatArray, plate_size_mm: tuple[float, float], count: int) -> FloatArray:
+def proposed_lines(residual_m: FloatArray, plate_size_m: tuple[float, float], count: int) -> FloatArray:
     """Lines along the highest ridges, two directions each.
 
     Args:
-        residual_mm: unexplained heights, shape [n, n] [mm].
-        plate_size_mm: extent along x and y [mm].
+        residual_m: unexplained heights, shape [n, n] [m].
+        plate_size_m: extent along x and y [m].
         count: number of ridges.
 
     Returns:
-        Shape [at most 2 count, 6] [mm], without claim to be right: a start for a fit.
+        Shape [at most 2 count, 6] [m], without claim to be right: a start for a fit.
     """
-    smooth = ndimage.gaussian_filter(residual_mm, 0.7)
+    smooth = ndimage.gaussian_filter(residual_m, 0.7)
     free = smooth.copy()
     rows, columns = np.ogrid[: len(smooth), : smooth.shape[1]]
     lines: list[list[float]] = []
@@ -34,17 +34,17 @@ def proposed_lines(residual_mm: FloatArray, plate_size_mm: tuple[float, float], 
         i, j = (int(k) for k in np.unravel_index(int(free.argmax()), free.shape))
         if free[i, j] <= 0:
             break
-        lines += _through(smooth, i, j, plate_size_mm)
-        free[(rows - i) ** 2 + (columns - j) ** 2 < APART**2] = -1.0
+        lines += _through(smooth, i, j, plate_size_m)
+        free[(rows - i) ** 2 + (columns - j) ** 2 < STARTS_APART**2] = -1.0
     return np.array(lines).reshape(-1, 6)
 
 
-def _through(smooth: FloatArray, i: int, j: int, plate_size_mm: tuple[float, float]) -> list[list[float]]:
+def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, float]) -> list[list[float]]:
     """The two best directions of a ridge through a sample."""
     n, top = len(smooth), smooth[i, j]
-    pitch_x, pitch_y = (size / n for size in plate_size_mm)
+    pitch_x, pitch_y = (size / n for size in plate_size_m)
     pitch = (pitch_x + pitch_y) / 2
-    steps = np.arange(-REACH, REACH + 1) / 2
+    steps = np.arange(-FOLLOWED_STEPS, FOLLOWED_STEPS + 1) / 2
     angles = np.arange(ANGLES) * np.pi / ANGLES
     # Directions in samples: of a plate that is not square they are a little off, the fit turns them.
     dx, dy = np.cos(angles)[:, None] * steps, np.sin(angles)[:, None] * steps
@@ -52,16 +52,23 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_mm: tuple[float, flo
     across = ndimage.map_coordinates(smooth, [i + dx, j - dy], order=1, mode="constant", cval=-1.0)
     found = []
     for k, angle in enumerate(angles):
-        first, last = _run(along[k] > SUPPORT * top)
-        width = np.subtract(*_run(across[k] > 0.5 * top)[::-1]) * pitch / 2
-        length = (last - first) * pitch / 2
+        first, last = _run(along[k] > RIDGE_END_SHARE * top)
+        steps_across = int(np.subtract(*_run(across[k] > 0.5 * top)[::-1]))
+        # Counted in steps, equally long ridges are equal; lengths would be rounded.
         found.append(
-            (length - width, angle, steps[first] * pitch, steps[last] * pitch, width, along[k, first : last + 1])
+            (
+                last - first - steps_across,
+                angle,
+                steps[first] * pitch,
+                steps[last] * pitch,
+                steps_across * pitch / 2,
+                along[k, first : last + 1],
+            )
         )
     found.sort(key=lambda candidate: candidate[:2], reverse=True)
     kept = [found[0]]
     kept += [f for f in found if min(abs(f[1] - kept[0][1]), np.pi - abs(f[1] - kept[0][1])) > 0.2][:1]
-    x, y = (j + 0.5) * pitch_x - plate_size_mm[0] / 2, (i + 0.5) * pitch_y - plate_size_mm[1] / 2
+    x, y = (j + 0.5) * pitch_x - plate_size_m[0] / 2, (i + 0.5) * pitch_y - plate_size_m[1] / 2
     return [
         [
             x + low * np.cos(angle),
@@ -69,8 +76,8 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_mm: tuple[float, flo
             x + high * np.cos(angle),
             y + high * np.sin(angle),
             # The half width of the cosine profile is half its full one.
-            float(np.clip(2 * width, 0.2, 4.0)),
-            max(float(np.quantile(ridge, 0.3)), 0.03),
+            float(np.clip(2 * width, 2e-4, 4e-3)),
+            max(float(np.quantile(ridge, 0.3)), 3e-5),
         ]
         for _, angle, low, high, width, ridge in kept
     ]

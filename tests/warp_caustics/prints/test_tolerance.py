@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from warp_caustics.inspection.tolerance import vertical_limit
-from warp_caustics.prints.fit import shifted
-from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.prints.line import Line, line_relief, moved_across
 from warp_caustics.prints.tolerance import line_limit
 
 PLATE, N, T = (0.05, 0.05), 64, 5e-5
@@ -24,13 +23,13 @@ def test_bare_plate_has_the_tolerance_itself():
 def test_a_narrow_fibre_may_lie_aside_by_the_tolerance(shift):
     """Its slope on the samples allows less than that."""
     nominal = line_relief([NARROW], N, PLATE)
-    moved = line_relief([shifted(NARROW, shift, shift)], N, PLATE) - nominal
+    moved = line_relief([moved_across(NARROW, shift, shift)], N, PLATE) - nominal
     assert (np.abs(moved) <= line_limit([NARROW], N, PLATE, T)).all()
     assert (np.abs(moved) > vertical_limit(nominal, T, PITCH)).any()
 
 
 def test_twice_the_tolerance_aside_is_out():
-    moved = line_relief([shifted(NARROW, 3 * T, 3 * T)], N, PLATE) - line_relief([NARROW], N, PLATE)
+    moved = line_relief([moved_across(NARROW, 3 * T, 3 * T)], N, PLATE) - line_relief([NARROW], N, PLATE)
     assert (np.abs(moved) > line_limit([NARROW], N, PLATE, T)).sum() > 10
 
 

@@ -1,6 +1,7 @@
-"""The design of a plate, from a height map, a solid or a list of lines; and the part of the plate that is judged."""
+"""What was to be printed: a height map, a solid or a list of lines; and the part of the plate that is judged."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,36 +10,47 @@ import numpy.typing as npt
 
 from warp_caustics.errors import InputError, MismatchError
 
-SAME_M = 2e-6
+LARGEST_LINE_ERROR_M = 2e-6
 """A map is made of lines if they differ from it by no more than this [m]."""
 
 if TYPE_CHECKING:
-    from warp_caustics.prints.line import Line
+    from warp_caustics.prints.line import Line, Section
     from warp_caustics.scene import Scene
     from warp_caustics.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """What was meant to be printed.
+class Nominal:
+    """A plate as it was to be printed.
 
     Attributes:
-        nominal_m: relief [m], shape [n, n].
-        lines: of which it consists, empty if the file does not tell.
-        how: one line on where it comes from.
+        relief_m: heights [m], shape [n, n].
+        lines: that make up the relief; empty if they are not known.
+        section: of the lines.
+        origin: one line on where it comes from.
     """
 
-    nominal_m: "FloatArray"
-    lines: "tuple[Line, ...]"
-    how: str
+    relief_m: "FloatArray"
+    lines: "tuple[Line, ...]" = ()
+    section: "Section" = "cosine"
+    origin: str = ""
+
+    @classmethod
+    def of_lines(cls, lines: "Sequence[Line]", scene: "Scene", section: "Section" = "cosine") -> "Nominal":
+        """Of printed lines, on a scene's samples."""
+        from warp_caustics.prints.line import line_relief
+
+        relief = line_relief(lines, scene.height_samples, scene.plate_size_m, section=section)
+        return cls(relief, tuple(lines), section, _told(lines, section))
 
 
-def read_design(path: str, scene: "Scene") -> Design:
+def read_nominal(path: str, scene: "Scene", section: "Section" = "cosine") -> Nominal:
     """Read a design on a scene's samples.
 
     Args:
         path: list of lines (.csv, .yaml), solid in millimetres (.stl, .ply, .obj), or height map in metres.
         scene: gives plate size and number of samples.
+        section: of the printed lines.
 
     Raises:
         InputError: a file that cannot be used.
@@ -46,64 +58,65 @@ def read_design(path: str, scene: "Scene") -> Design:
     """
     from warp_caustics.io.heights import read_heights
     from warp_caustics.io.solid import is_solid, read_solid
-    from warp_caustics.prints.line import line_relief
     from warp_caustics.prints.line_list import is_line_list, read_lines
 
     n = scene.height_samples
     if is_line_list(path):
-        lines = tuple(read_lines(path))
-        relief = line_relief(lines, n, scene.plate_size_m)
-        return _checked(Design(relief, lines, f"{len(lines)} printed lines of {path!r}"), path, scene)
+        nominal = Nominal.of_lines(read_lines(path), scene, section)
+        return _checked(replace(nominal, origin=f"{nominal.origin} of {path!r}"), path, scene)
     if is_solid(path):
         how = f"top surface of {path!r}, read as millimetres, above a base of {scene.base_thickness_m * 1e3:g} mm"
-        return _checked(Design(read_solid(path, scene), (), how), path, scene)
+        return _checked(Nominal(read_solid(path, scene), section=section, origin=how), path, scene)
     heights: FloatArray = read_heights(path)
     how = f"height map {path!r}"
     if len(heights) != n:
         how += f", resampled from {len(heights)} to {n} samples per side ({_method(len(heights), n)})"
         heights = resampled(heights, n)
-    return _checked(Design(heights, (), how), path, scene)
+    return _checked(Nominal(heights, section=section, origin=how), path, scene)
 
 
-def with_lines(design: Design, path: str, scene: "Scene") -> Design:
+def with_lines(nominal: Nominal, path: str, scene: "Scene") -> Nominal:
     """A design with the printed lines that its relief is made of; one that has them already stays as it is.
 
     Args:
-        design: on the scene's samples.
+        nominal: on the scene's samples; its section is that of the lines.
         path: of its file, for messages.
         scene: gives plate size and number of samples.
 
     Raises:
-        MismatchError: lines do not make the relief to within ``SAME_M``.
+        MismatchError: lines do not make the relief to within ``LARGEST_LINE_ERROR_M``.
     """
     import torch
 
-    from warp_caustics.prints.line import Line
+    from warp_caustics.prints.model import Limits, LineModel, lines_of
     from warp_caustics.prints.vectorise import lines_of_relief
-    from warp_caustics.prints.vectorise.model import Limits, LineModel
 
-    if design.lines:
-        return design
-    limits = Limits(width_mm=(0.05, 10.0), height_mm=(0.005, 10.0))
-    model, relief = LineModel(scene, limits=limits), torch.tensor(design.nominal_m)
+    if nominal.lines:
+        return nominal
+    limits = Limits(width_m=(5e-5, 1e-2), height_m=(5e-6, 1e-2))
+    model, relief = LineModel(scene, nominal.section, limits=limits), torch.tensor(nominal.relief_m)
     rows = lines_of_relief(model, relief, torch.zeros_like(relief))
-    error = float((1e-3 * model.heights(rows).double() - relief).abs().max())
-    if error > SAME_M:
+    error = float((model.heights(rows).double() - relief).abs().max())
+    if error > LARGEST_LINE_ERROR_M:
         raise MismatchError(
             f"the {len(rows)} printed lines found in design {path!r} differ from it by up to {error * 1e6:.3g} um; "
             "leave --find-lines out, or give the list of lines"
         )
-    lines = tuple(Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in (1e-3 * rows).tolist())
-    return Design(design.nominal_m, lines, f"{design.how}, made of {len(lines)} printed lines")
+    lines = tuple(lines_of(rows))
+    return replace(nominal, lines=lines, origin=f"{nominal.origin}, made of {_told(lines, nominal.section)}")
 
 
-def _checked(design: Design, path: str, scene: "Scene") -> Design:
-    lowest, highest = float(design.nominal_m.min()), float(design.nominal_m.max())
+def _told(lines: "Sequence[Line]", section: "Section") -> str:
+    return f"{len(lines)} printed lines" + ("" if section == "cosine" else f" of section {section!r}")
+
+
+def _checked(nominal: Nominal, path: str, scene: "Scene") -> Nominal:
+    lowest, highest = float(nominal.relief_m.min()), float(nominal.relief_m.max())
     if lowest <= -0.9 * scene.base_thickness_m:
         raise InputError(f"design {path!r} goes {-lowest * 1e3:.4g} mm below the plate's top; check units and base")
     if highest == lowest:
         raise InputError(f"design {path!r} is flat, there is nothing to compare with; check the file and its units")
-    return design
+    return nominal
 
 
 def _method(old: int, new: int) -> str:

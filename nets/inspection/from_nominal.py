@@ -4,18 +4,15 @@ Descent from the design finds small deviations exactly and large ones (a
 missing fibre) never; a network that is told nothing finds large ones, and errs
 on folds and crossings, where several reliefs give the image. So
 
-1. lines are looked for in the network's answer: those of the design, if it is a
-   list of lines (``warp_caustics.prints.fit``), else whatever lines there are
-   (``warp_caustics.prints.vectorise``), and fitted to the image (``fibres/search.py``).
-   Where nothing but noise is left of the image, and no part of the network's
-   answer or of the design fits better, this is the result;
+1. lines are looked for in the network's answer and fitted to the image (``line_candidates.py``). Where nothing but
+   noise is left of the image, and no part of the network's answer or of the design fits better, this is the result;
 2. else network, design and lines are candidates: part by part of the plate that
    is taken whose caustic fits the image there (``selection.py``);
 3. that is refined on the exact model, in the end at all pixels; the design's
-   lines are found once more, and the parts chosen once more.
+   lines are fitted once more, and the parts chosen once more.
 
 Limit: where no candidate is near the truth, the result is not either. The
-uncertainty (``from_design_uncertainty.py``) does not tell of it; the residual may.
+uncertainty (``fibres/uncertainty.py``) does not show it; the residual may.
 """
 
 import time
@@ -27,10 +24,10 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from nets.inspection.line_candidates import LineCandidates
 from nets.inspection.selection import MisfitMap, better_parts
 from nets.reconstruct import methods
-from nets.reconstruct.fibres.explained import Discrepancy, is_explained
-from nets.reconstruct.fibres.search import ITERATIONS, LAST, LineSearch
+from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
 from nets.reconstruct.fibres.uncertainty import (
     EXPLAINED_LINES,
     LINES,
@@ -42,10 +39,8 @@ from nets.reconstruct.fibres.uncertainty import (
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.errors import InputError, MismatchError
-from warp_caustics.prints.fit import FittedLine, fit_lines
-from warp_caustics.prints.line import Line, Section, line_relief
-from warp_caustics.prints.vectorise import lines_of_relief
-from warp_caustics.prints.vectorise.model import Limits, LineModel
+from warp_caustics.inspection.nominal import Nominal
+from warp_caustics.prints.fit import FittedLine
 from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction, StopReason
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.refine.options import RefineOptions
@@ -57,13 +52,8 @@ from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
-SEEN_M = 2e-5
-"""Lines lower than this are missing [m]."""
-UNKNOWN_SPREAD_M = 5e-6
-"""Taken for the spread of an answer that has none, where lines are looked for in it [m]."""
 
-
-class DesignOptions(Strict):
+class FromNominalOptions(Strict):
     """Settings of a reconstruction from a design."""
 
     weights: str | None = None
@@ -84,7 +74,7 @@ class DesignOptions(Strict):
 
 
 @dataclass(frozen=True, eq=False)
-class DesignResult:
+class FromNominalResult:
     """A plate whose design is known.
 
     Attributes:
@@ -96,19 +86,19 @@ class DesignResult:
     lines: tuple[FittedLine, ...]
 
 
-class FromDesign:
+class FromNominal:
     """Reconstruction of plates of one scene with a known design.
 
     Args:
         scene: the set-up of the measurement.
-        options: see :class:`DesignOptions`.
+        options: see :class:`FromNominalOptions`.
         device: where to compute.
     """
 
     name = "design"
 
-    def __init__(self, scene: Scene, options: DesignOptions | None = None, device: str | torch.device = "cpu"):
-        self.scene, self.options, self.device = scene, options or DesignOptions(), usable_device(device)
+    def __init__(self, scene: Scene, options: FromNominalOptions | None = None, device: str | torch.device = "cpu"):
+        self.scene, self.options, self.device = scene, options or FromNominalOptions(), usable_device(device)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
         self.refusal: str | None = None
         try:
@@ -122,29 +112,25 @@ class FromDesign:
     def reconstruct(
         self,
         image: CausticImage,
-        nominal: FloatArray,
-        lines: Sequence[Line] = (),
+        nominal: Nominal,
         *,
-        profile: Section = "cosine",
         progress: ProgressCallback | None = None,
-    ) -> DesignResult:
+    ) -> FromNominalResult:
         """Recover the relief.
 
         Ctrl-C returns the best relief so far, ``stop_reason`` then is ``interrupted``.
 
         Args:
             image: the measured caustic.
-            nominal: the design's relief [m], shape [n, n].
-            lines: of which it consists, if it is a list of lines.
-            profile: of the lines.
+            nominal: the design.
             progress: called after every iteration.
 
         Raises:
             InputError: image or design do not fit the scene.
         """
         image = check_image(image, self.scene)
-        check_initial(nominal, self.scene)
-        run = _Run(self, image, nominal, list(lines), profile, progress)
+        check_initial(nominal.relief_m, self.scene)
+        run = _Run(self, image, nominal, progress)
         reason: StopReason = "max_iterations"
         try:
             run.all()
@@ -153,50 +139,24 @@ class FromDesign:
         return run.result(reason)
 
 
-def as_rows(lines: Sequence[Line]) -> torch.Tensor:
-    """Lines as ``warp_caustics.prints.vectorise`` has them, shape [L, 6] [mm], float64."""
-    rows = [[*line.start_m, *line.end_m, line.width_m, line.height_m] for line in lines]
-    return 1e3 * torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)
-
-
-def limits_around(lines: Sequence[Line], plate_size_m: tuple[float, float]) -> Limits:
-    """What a printed line may be: the usual, and half as much again as any line of the design."""
-    usual = Limits()
-    reaches = [
-        2 * abs(x) / size
-        for line in lines
-        for end in (line.start_m, line.end_m)
-        for x, size in zip(end, plate_size_m, strict=True)
-    ]
-    widths, heights = [1e3 * line.width_m for line in lines], [1e3 * line.height_m for line in lines]
-    return Limits(
-        reach=max([usual.reach, *(reach + 0.08 for reach in reaches)]),
-        width_mm=(min([usual.width_mm[0], *(w / 1.5 for w in widths)]), 1.5 * max([usual.width_mm[1] / 1.5, *widths])),
-        height_mm=(usual.height_mm[0], 1.5 * max([usual.height_mm[1] / 1.5, *heights])),
-    )
-
-
 class _Run:
     """State of one reconstruction."""
 
     def __init__(
         self,
-        method: FromDesign,
+        method: FromNominal,
         image: CausticImage,
-        nominal: FloatArray,
-        lines: list[Line],
-        profile: Section,
+        nominal: Nominal,
         progress: ProgressCallback | None,
     ):
         self.method, self.scene, self.options = method, method.scene, method.options
-        self.nominal, self.lines, self.profile, self.progress = nominal.astype(np.float64), lines, profile, progress
+        self.nominal, self.has_lines, self.progress = nominal.relief_m.astype(np.float64), bool(nominal.lines), progress
+        self.lines = LineCandidates(method.scene, nominal, method.device)
         self.counters: dict[str, Any] = {"misfit": {}}
         self._judge_by(Resimulation(method.simulator, image).exposed(self.nominal))
-        self.model = LineModel(method.scene, profile, method.device, limits_around(lines, method.scene.plate_size_m))
         self.best: FloatArray = self.nominal
         self.spread: FloatArray | None = None
         self.free: FloatArray | None = None
-        self.fitted: tuple[FittedLine, ...] = ()
         self.is_explained = False
         self.history: list[dict[str, Any]] = []
         self.timings: dict[str, float] = {}
@@ -213,50 +173,39 @@ class _Run:
         self._timed("free", self._answer)
         assert self.free is not None
         candidates = [self.free, self.nominal]
-        if self.lines:
+        if self.has_lines:
             candidates.append(self._timed("lines", self._lines_in, self.free))
-        fits = self.options.fit_lines
-        if bool(self.lines) if fits is None else fits:
-            printed = self._timed("lines", self._lines_at_start)
+        is_fitted = self.has_lines if self.options.fit_lines is None else self.options.fit_lines
+        if is_fitted:
+            printed = self._timed("lines", self.lines.start, self.free, self.spread)
             found = self._timed("image fit", self._fitted_to_image, printed)
             if self.is_explained and self._timed("selection", self._is_best_everywhere, found):
                 self.best = found
-                if self.lines:
+                if self.has_lines:
                     self._timed("lines", self._lines_in, self.best)
                 return
             self.is_explained = False
             candidates.append(found)
         self._timed("selection", self._select, candidates, self.options.rounds)
-        if self.options.coarse_iterations and not self.lines:
+        if self.options.coarse_iterations and not self.has_lines:
             self._timed("refinement", self._refine, self._coarse_pixels(), self.options.coarse_iterations)
             self._timed("selection", self._select, candidates, 1)
         if self.options.iterations:
             self._timed("refinement", self._refine, self.scene.image_pixels, self.options.iterations)
-        if self.lines:
+        if self.has_lines:
             again = self._timed("lines", self._lines_in, self.best)
             self._timed("selection", self._select, [again], 1)
 
-    def _lines_at_start(self) -> torch.Tensor:
-        """Lines in the network's answer, shape [L, 6] [mm]: of the design, or whatever there are."""
-        if self.lines:
-            return as_rows([fit.line for fit in self.fitted if fit.line.height_m > SEEN_M])
-        assert self.free is not None
-        heights = torch.as_tensor(self.free)
-        spread = torch.zeros_like(heights) if self.spread is None else torch.as_tensor(self.spread) / SPREADS
-        return lines_of_relief(self.model, heights, spread)
+    def _lines_in(self, heights_m: FloatArray) -> FloatArray:
+        """Relief of the design's lines where a relief has them."""
+        found = self.lines.in_relief(heights_m, self.spread)
+        self.counters["misfit"]["lines"] = self.total(found)
+        return found
 
     def _fitted_to_image(self, lines: torch.Tensor) -> FloatArray:
         """Relief of lines that explain the image better; notes whether anything but noise is left of it."""
-        model = self.model
-        search = LineSearch(
-            self.scene,
-            self.image,
-            model,
-            self._coarse_pixels() if self.method.device.type == "cpu" else self.scene.image_pixels,
-            jumps=0 if self.lines else self.options.jumps,
-            report=self._note,
-        )
-        found = as_glass(1e-3 * model.heights(search.run(model.clamped(lines))).double().cpu().numpy(), self.scene)
+        pixels = self._coarse_pixels() if self.method.device.type == "cpu" else self.scene.image_pixels
+        found = self.lines.on_image(lines, self.image, pixels, self.options.jumps, self._note)
         self.counters["misfit"]["image fit"] = self.total(found)
         left = Discrepancy(self.scene, self.image, self.method.device)(found)
         self.counters["discrepancy"] = left
@@ -277,7 +226,7 @@ class _Run:
         entry = {"stage": "image fit", "iteration": number, "residual": None, "objective": loss, "elapsed_s": elapsed}
         self.history.append(entry)
         if self.progress is not None:
-            steps = ITERATIONS * (1 if self.lines else self.options.jumps + 2) + LAST
+            steps = self.lines.iterations(self.options.jumps)
             self.progress(Progress("image fit", number, max(steps, number), float("nan"), elapsed))
 
     def total(self, heights_m: FloatArray) -> float:
@@ -313,16 +262,6 @@ class _Run:
         self.warnings += result.warnings if result.method == "direct" else ()
         if result.stop_reason == "interrupted":
             raise KeyboardInterrupt
-
-    def _lines_in(self, heights_m: FloatArray) -> FloatArray:
-        """Relief of the design's lines where a relief has them."""
-        spread = np.full(heights_m.shape, UNKNOWN_SPREAD_M) if self.spread is None else self.spread
-        self.fitted = tuple(fit_lines(self.lines, heights_m, spread, self.scene.plate_size_m, profile=self.profile))
-        found = line_relief(
-            [fit.line for fit in self.fitted], len(heights_m), self.scene.plate_size_m, profile=self.profile
-        )
-        self.counters["misfit"]["lines"] = self.total(found)
-        return found
 
     def _select(self, candidates: Sequence[FloatArray], rounds: int) -> None:
         start = min((self.best, *candidates), key=self.total)
@@ -369,25 +308,25 @@ class _Run:
 
         return show
 
-    def result(self, reason: StopReason) -> DesignResult:
+    def result(self, reason: StopReason) -> FromNominalResult:
         """What was found so far."""
         sigma = None
         self.counters["explained_by_lines"] = self.is_explained
         if self.spread is not None:
-            kind = EXPLAINED_LINES if self.is_explained else LINES if self.lines else RELIEF
+            kind = EXPLAINED_LINES if self.is_explained else LINES if self.has_lines else RELIEF
             sigma = design_uncertainty(self.spread, kind)
         elif self.free is not None:
             sigma = disagreement(self.best, self.free)
         reconstruction = network_result(
-            FromDesign.name,
+            FromNominal.name,
             self.resimulation,
             as_glass(self.best, self.scene),
             reason=reason,
             history=self.history,
             timings=self.timings,
             counters=self.counters,
-            settings=self.options.model_dump() | {"free": self.method.free.name, "lines": len(self.lines)},
+            settings=self.options.model_dump() | {"free": self.method.free.name, "lines": len(self.lines.designed)},
             warnings=self.warnings,
             uncertainty=sigma,
         )
-        return DesignResult(reconstruction, self.fitted)
+        return FromNominalResult(reconstruction, self.lines.fitted)

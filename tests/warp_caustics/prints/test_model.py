@@ -1,0 +1,60 @@
+"""Lines on a grid and their derivatives."""
+
+import numpy as np
+import pytest
+import torch
+
+from warp_caustics.prints.line import SECTIONS, line_relief
+from warp_caustics.prints.model import LineModel, lines_of, rows_of
+from warp_caustics.scene import Scene
+
+SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
+LINES = 1e-3 * torch.tensor([[-10.0, 3.0, 12.0, -7.0, 2.9, 0.8], [1.0, 2.0, 5.0, 5.0, 1.3, 1.0]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_heights_are_those_of_printed_lines(section):
+    expected = line_relief(lines_of(LINES), 64, SCENE.plate_size_m, section=section)
+    found = LineModel(SCENE, section).heights(LINES).double().numpy()
+    # On the rim of a "quarter" line float32 decides otherwise here and there.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 if section == "cosine" else 2e-5)
+    assert np.abs(found - expected).mean() < 1e-9 * 64
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("number", range(6))
+def test_derivatives(section, number):
+    """Against central differences; the steep rim of a "quarter" line is left out by a wide step's mean."""
+    model, step = LineModel(SCENE, section, supersampling=8), torch.zeros_like(LINES)
+    step[:, number] = 2e-6
+    derivative = model.parts(LINES)[1][:, number]
+    difference = (model.parts(LINES + step)[0] - model.parts(LINES - step)[0]) / 4e-6
+    assert difference.norm() > 0.1
+    # The rim of a quarter profile is a kink: at any one of 8^2 points the difference quotient may be half right.
+    assert (difference - derivative).norm() <= (2e-3 if section == "cosine" else 0.25) * difference.norm()
+
+
+def test_no_lines():
+    model = LineModel(SCENE)
+    heights, derivatives = model.parts(torch.zeros(0, 6, dtype=torch.float64))
+    assert heights.shape == (0, 64, 64) and derivatives.shape == (0, 6, 64, 64)
+    assert not model.heights(torch.zeros(0, 6, dtype=torch.float64)).any()
+
+
+def test_limits():
+    wild = 1e-3 * torch.tensor([[100.0, -100.0, 0.0, 0.0, 9.0, -1.0]], dtype=torch.float64)
+    clamped = LineModel(SCENE).clamped(wild)[0]
+    assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 4.5e-3, 1e-5])
+
+
+def test_a_step_goes_as_far_as_derivatives_tell_and_the_limits_allow():
+    model = LineModel(SCENE)
+    far = model.moved(LINES, torch.full((LINES.numel(),), -1.0, dtype=torch.float64))
+    np.testing.assert_allclose(far[0] - LINES[0], [-1.5e-3] * 4 + [-5e-4, -4e-4])
+    assert float(model.moved(far, torch.full((LINES.numel(),), -1.0, dtype=torch.float64))[1, 4]) > 0
+
+
+def test_rows_are_lines():
+    assert torch.equal(rows_of(lines_of(LINES)), LINES) and rows_of([]).shape == (0, 6)
+    relief, jacobian = LineModel(SCENE).with_jacobian(LINES)
+    assert relief.shape == (64, 64) and jacobian.shape == (12, 64, 64)
