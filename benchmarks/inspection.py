@@ -32,7 +32,8 @@ from warp_caustics.prints.fit import FittedLine, shifted
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.tolerance import line_limit
 
-from warp_caustics.capture.radiometric import Capture, capture_to_irradiance  # isort: skip
+from warp_caustics.capture.radiometric import capture_to_irradiance  # isort: skip
+from warp_caustics.capture.shot import Capture  # isort: skip
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

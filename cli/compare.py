@@ -10,8 +10,8 @@ from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number, start_device
 
 if TYPE_CHECKING:
-    from cli.comparison.cells import Cell
-    from cli.comparison.fields import Source
+    from nets.evaluation.cells import Cell
+    from nets.evaluation.fields import Source
     from warp_caustics.scene import Scene
 
 OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.html")
@@ -67,7 +67,7 @@ def compare(
     HEIGHTS alone is simulated; HEIGHTS:IMAGE has an image already. The same command continues after any
     interruption; what is finished is not computed again.
     """
-    from cli.comparison.specs import parse_budgets, parse_methods
+    from nets.evaluation.method_spec import parse_budgets, parse_methods
     from cli.config import load_config
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
@@ -79,8 +79,8 @@ def compare(
     folder = _checked_folder(output)
 
     device = start_device(device)
-    from cli.comparison.fields import prepare
-    from cli.comparison.run import check_methods
+    from nets.evaluation.fields import prepare
+    from nets.evaluation.run import check_methods
 
     sources = _sources(fields, testset, count, scene, device)
     for problem in check_methods(specs, scene, device):
@@ -92,8 +92,8 @@ def compare(
         for warning in field.warnings:
             console.warn(f"{field.name}: {warning}")
 
-    from cli.comparison.cells import CellStore
-    from cli.comparison.schedule import Setup, run_cells
+    from nets.evaluation.cells import CellStore
+    from nets.evaluation.schedule import Setup, run_cells
 
     store = CellStore(folder / "cells")
     setup = Setup({field.name: field for field in prepared}, scene, photons, device, store)
@@ -111,7 +111,7 @@ def compare(
 
     from cli.comparison.about import about_comparison
     from cli.comparison.page import write_page
-    from cli.comparison.table import summary, table_rows, write_tables
+    from nets.evaluation.table import summary, table_rows, write_tables
 
     rows = table_rows(records, setup.fields)
     about = about_comparison(setup, specs, budgets, noise)
@@ -185,7 +185,7 @@ def _checked_folder(output: str) -> Path:
 
 
 def _sources(fields: tuple[str, ...], testset: bool, count: int | None, scene: "Scene", device: str) -> "list[Source]":
-    from cli.comparison.fields import file_sources, testset_sources
+    from nets.evaluation.fields import file_sources, testset_sources
     from warp_caustics.errors import InputError
 
     if testset == bool(fields):

@@ -1,6 +1,5 @@
 """What a command says: lines and warnings for people, one JSON record for programs."""
 
-import json
 import math
 import sys
 import time
@@ -28,10 +27,11 @@ class Console:
     def __init__(self, as_json: bool = False):
         self.as_json = as_json
 
-    def line(self, text: str) -> None:
-        """A line of the result, for people."""
+    def line(self, *lines: str) -> None:
+        """Lines of the result, for people."""
         if not self.as_json:
-            click.echo(text)
+            for text in lines:
+                click.echo(text)
 
     def warn(self, text: str) -> None:
         """Something the user should know."""
@@ -40,6 +40,8 @@ class Console:
     def record(self, record: Mapping[str, Any]) -> None:
         """The result, for programs."""
         if self.as_json:
+            from warp_caustics.io.json_file import json_text
+
             click.echo(json_text(record))
 
     @contextmanager
@@ -155,23 +157,3 @@ def _time_left(state: "BuildProgress", before: str = "") -> str:
         return ""
     minutes, seconds = divmod(round(state.eta_s), 60)
     return f"{before}{minutes // 60}:{minutes % 60:02d}:{seconds:02d} left"
-
-
-def json_text(record: Mapping[str, Any]) -> str:
-    """A record as JSON; arrays become lists and NaN null, because JSON has neither."""
-    return json.dumps(plain(record), indent=2, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """The same value in types that JSON knows."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)

@@ -1,11 +1,8 @@
 """Options that several commands share."""
 
-import contextlib
 import math
-import os
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import rich_click as click
@@ -79,41 +76,3 @@ def json_option(command: Command) -> Command:
     """Adds --json."""
     option = click.option("--json", "as_json", is_flag=True, help="Print one JSON record on stdout, nothing else.")
     return option(command)
-
-
-def start_device(name: str) -> str:
-    """Device to use, checked, with Warp running.
-
-    Args:
-        name: value of --device.
-
-    Raises:
-        InputError: not a device name.
-        ResourceError: the machine has no such device.
-    """
-    import torch
-    import warp as wp
-
-    from warp_caustics.simulator import usable_device
-
-    has_cuda = torch.cuda.is_available()
-    if name == "auto":
-        name = "cuda" if has_cuda else "cpu"
-    device = str(usable_device(name))
-    # Warp's native code warns of a missing driver, whatever its log level; no news on a machine without a GPU.
-    with contextlib.nullcontext() if has_cuda else _stderr_off():
-        wp.init()
-    return device
-
-
-@contextlib.contextmanager
-def _stderr_off() -> Iterator[None]:
-    sys.stderr.flush()
-    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)

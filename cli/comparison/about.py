@@ -8,10 +8,10 @@ from typing import Any
 
 import torch
 
-from cli.comparison.code import code_version
-from cli.comparison.glass import FAR_SCREEN_M
-from cli.comparison.schedule import Setup
-from cli.comparison.specs import MethodSpec
+from nets.evaluation.code_version import code_version
+from warp_caustics.far_screen import FAR_SCREEN_M
+from nets.evaluation.schedule import Setup
+from nets.evaluation.method_spec import MethodSpec
 from cli.env import versions
 
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from cli.comparison.figures import DPI, png
-from cli.comparison.specs import CONVERGED, ONCE
-from cli.comparison.table import Row
+from nets.evaluation.method_spec import CONVERGED, ONCE
+from nets.evaluation.table import Row
 
 # Okabe and Ito's colours, told apart by nearly everyone; markers tell the rest.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")

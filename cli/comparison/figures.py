@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
-from cli.comparison.fields import Field
-from cli.comparison.glass import FAR_SCREEN_M, FarScreen
+from nets.evaluation.fields import Field
+from warp_caustics.far_screen import FAR_SCREEN_M, FarScreen
 from cli.lit_glass import exaggeration, lit_glass
 from cli.overview import BRIGHTEST_PERCENT, rgb_composite
 from warp_caustics.scene import Scene

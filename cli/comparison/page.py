@@ -7,9 +7,9 @@ from typing import Any
 
 from cli.comparison.curves import fold_scatter, iteration_curves
 from cli.comparison.figures import MAX_COLUMNS, Sheets
-from cli.comparison.schedule import Setup
-from cli.comparison.specs import CONVERGED, ONCE
-from cli.comparison.table import MEASURES, Row, by_field, summary, summary_by_folds
+from nets.evaluation.schedule import Setup
+from nets.evaluation.method_spec import CONVERGED, ONCE
+from nets.evaluation.table import MEASURES, Row, by_field, summary, summary_by_folds
 from cli.report.template import page_file, render_page
 from warp_caustics.io.atomic import atomic_path
 

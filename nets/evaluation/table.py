@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cli.comparison.fields import Field
-from cli.comparison.scores import SCORES
+from nets.evaluation.fields import Field
+from nets.evaluation.scores import SCORES
 from cli.console import json_text
 from warp_caustics.fold_fraction import fold_bin, fold_bins
 from warp_caustics.io.atomic import atomic_path

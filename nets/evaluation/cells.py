@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from cli.comparison.arrays import read_arrays, write_arrays
-from cli.comparison.code import code_version
-from cli.comparison.fields import Field
-from cli.comparison.meter import Meter
-from cli.comparison.run import privileged_knowledge, reconstruct, warm_up
-from cli.comparison.scores import Scorer
-from cli.comparison.specs import CONVERGED, ONCE, MethodSpec
+from nets.evaluation.arrays import read_arrays, write_arrays
+from nets.evaluation.code_version import code_version
+from nets.evaluation.fields import Field
+from nets.evaluation.meter import Meter
+from nets.evaluation.run import privileged_knowledge, reconstruct, warm_up
+from nets.evaluation.scores import Scorer
+from nets.evaluation.method_spec import CONVERGED, ONCE, MethodSpec
 from cli.console import json_text, plain
 from cli.main import EXIT_BUG, is_out_of_memory
 from warp_caustics.errors import CausticsError, ResourceError

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cli.comparison.cells import Bench, Cell, CellStore, cell_key
-from cli.comparison.fields import Field
-from cli.comparison.specs import MethodSpec
+from nets.evaluation.cells import Bench, Cell, CellStore, cell_key
+from nets.evaluation.fields import Field
+from nets.evaluation.method_spec import MethodSpec
 from data_gen.dataset_config import PhotonConfig
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.scene import Scene

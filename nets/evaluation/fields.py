@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from cli.comparison.arrays import array_hash, read_arrays, write_arrays
-from cli.comparison.code import code_version
+from nets.evaluation.arrays import array_hash, read_arrays, write_arrays
+from nets.evaluation.code_version import code_version
 from cli.reconstruct import read_inputs
 from data_gen.dataset_config import PhotonConfig, sample_generator, sample_seed
 from data_gen.testset import TEST_FIELDS, field_heights, fields_config

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cli.comparison import fields
-from cli.comparison.fields import file_sources, prepare, testset_sources
+from nets.evaluation.fields import file_sources, prepare, testset_sources
 from data_gen.dataset_config import PhotonConfig
 from data_gen.testset import field_images
 from warp_caustics.errors import InputError, MismatchError
