@@ -33,9 +33,10 @@ class Console:
             for text in lines:
                 click.echo(text)
 
-    def warn(self, text: str) -> None:
-        """Something the user should know."""
-        click.echo(f"warning: {text}", err=True)
+    def warn(self, *lines: str) -> None:
+        """What the user should know."""
+        for text in lines:
+            click.echo(f"warning: {text}", err=True)
 
     def record(self, record: Mapping[str, Any]) -> None:
         """The result, for programs."""

@@ -14,7 +14,7 @@ from warp_caustics.io.heights import read_relief
 from warp_caustics.scene import Scene
 
 if TYPE_CHECKING:
-    from warp_caustics.capture.radiometric import Capture
+    from warp_caustics.capture.shot import Capture
     from warp_caustics.reconstruct.base import CausticImage
     from warp_caustics.types import FloatArray
 

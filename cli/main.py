@@ -8,7 +8,6 @@ so that ``nsfc --help`` answers at once.
 
 import importlib
 import signal
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any

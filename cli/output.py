@@ -11,6 +11,10 @@ from typing import Any
 
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path, reason
+from warp_caustics.io.heights import write_heights
+from warp_caustics.io.mesh import height_field_mesh, write_mesh
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 MAX_NAMED = 80
 """Characters of a list of foreign files in a message."""
@@ -133,6 +137,13 @@ def _publish(temporary: Path, target: Path) -> None:
         old.rename(target)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def write_print(folder: Path, heights_m: FloatArray, scene: Scene) -> None:
+    """Write a relief for programs and printers: ``height.npy``, ``height.tif`` and ``surface.stl``."""
+    write_heights(folder / "height.npy", heights_m)
+    write_heights(folder / "height.tif", heights_m)
+    write_mesh(folder / "surface.stl", height_field_mesh(heights_m, scene.plate_size_m, scene.base_thickness_m))
 
 
 def write_table(path: PathLike, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from cli.comparison.figures import DPI, png
+from cli.figures import new_figure
 from nets.evaluation.method_spec import CONVERGED, ONCE
 from nets.evaluation.table import Row
 
@@ -66,8 +66,7 @@ def fold_scatter(rows: Sequence[Row], budgets: Sequence[str]) -> bytes:
 
 
 def _figure(count: int) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(5.2 * count, 4.4), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(5.2 * count, 4.4, dpi=DPI)
     return figure, figure.subplots(1, count, squeeze=False)[0]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import nets.reconstruct
-from cli.batch import image_list
+from cli.inputs import image_list
 from cli.main import main
 from cli.results import FILES, UNCERTAINTY_FILES
 from warp_caustics.errors import InputError
@@ -89,9 +89,9 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
             raise KeyError("bug")
         return original(self, image, **options)
 
-    import cli.reconstruct
+    import cli.job
 
-    make = cli.reconstruct.make_method
+    make = cli.job.make_method
 
     def made(config, device):
         nonlocal original
@@ -101,7 +101,7 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
         return method
 
     original = None
-    monkeypatch.setattr(cli.reconstruct, "make_method", made)
+    monkeypatch.setattr(cli.job, "make_method", made)
     shutil.copy(images / "a.tif", images / "b.tif")
     assert batch(images / "*.tif", "-o", out) == 1
     assert "a" not in seen[0] and {"a", "summary.csv"} <= set(seen[1]) and "b" not in seen[2]
@@ -109,15 +109,15 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, images, tmp_path, monkeypatch):
-    import cli.reconstruct
+    import cli.job
 
-    run = cli.reconstruct.Job.run
+    run = cli.job.Job.run
 
     def interrupted(self, *args):
         outcome = run(self, *args)
         return replace(outcome, result=replace(outcome.result, stop_reason="interrupted"))
 
-    monkeypatch.setattr(cli.reconstruct.Job, "run", interrupted)
+    monkeypatch.setattr(cli.job.Job, "run", interrupted)
     assert batch(images, "-o", tmp_path / "out") == 130
     assert sorted(os.listdir(tmp_path / "out")) == ["a", "summary.csv"]
     assert rows(tmp_path / "out")[0]["status"] == "interrupted"
@@ -164,11 +164,11 @@ def test_what_counts_as_a_batch(images, tmp_path, monkeypatch):
 
 def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monkeypatch, capsys):
     """Its files can be replaced by a result without."""
-    import cli.reconstruct
+    import cli.job
 
     sigma = np.full((32, 32), 2e-6)
     sigma[0] = 5e-6
-    make = cli.reconstruct.make_method
+    make = cli.job.make_method
 
     def made(config, device):
         method = make(config, device)
@@ -178,7 +178,7 @@ def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monke
 
     arguments = inputs / "image.tif", "-o", tmp_path / "out", "--reference", inputs / "heights.npy"
     with monkeypatch.context() as patch:
-        patch.setattr(cli.reconstruct, "make_method", made)
+        patch.setattr(cli.job, "make_method", made)
         assert batch(*arguments) == 0
     out = tmp_path / "out"
     assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES))
