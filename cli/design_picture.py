@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from cli.figures import add_bar, new_figure, show_plate
-from cli.light import DISPLAY_GAMMA, white_level
+from cli.figures import DISPLAY_GAMMA, add_bar, new_figure, show_plate, white_level
 from warp_caustics.design.designer import Design
 
 

@@ -4,8 +4,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from cli.figures import add_bar, new_figure, show_plate
-from cli.light import rgb_composite, white_level
+from cli.figures import add_bar, new_figure, rgb_composite, show_plate, white_level
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 

@@ -8,8 +8,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cli.figures import new_figure
-from cli.light import rgb_composite, white_level
+from cli.figures import new_figure, rgb_composite, white_level
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path
 from warp_caustics.scene import Scene

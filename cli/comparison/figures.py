@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
-from cli.figures import new_figure
-from cli.light import rgb_composite, white_level
+from cli.figures import new_figure, rgb_composite, white_level
 from cli.lit_glass import exaggeration, lit_glass
 from nets.evaluation.fields import Field
 from warp_caustics.far_screen import FAR_SCREEN_M, FarScreen

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from cli.light import DISPLAY_GAMMA
+from cli.figures import DISPLAY_GAMMA
 from cli.report.arrays import reduced
 from cli.report.colours import MISSING_RGB, palette
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cli.light import rgb_channels, white_level
+from cli.figures import rgb_channels, white_level
 from cli.report.frame import Frame
 from cli.report.number import number
 from cli.report.pictures import STAGE_PIXELS, light_picture

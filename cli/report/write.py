@@ -30,7 +30,7 @@ def report_text(content: "ReportContent") -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
-    from cli.light import BRIGHTEST_PERCENT, DISPLAY_GAMMA
+    from cli.figures import BRIGHTEST_PERCENT, DISPLAY_GAMMA
     from cli.report.arrays import MAP_SAMPLES, SURFACE_SAMPLES
     from cli.report.browser import browser_record
     from cli.report.maps import all_maps
@@ -101,7 +101,7 @@ def _caustic_frames(content: "ReportContent") -> dict[str, "Frame"]:
     """Measured, re-simulated, and their difference."""
     import numpy as np
 
-    from cli.light import rgb_channels, white_level
+    from cli.figures import rgb_channels, white_level
     from cli.report.colours import DEVIATION
     from cli.report.frame import colour_bar, plate_frame
     from cli.report.pictures import CAUSTIC_PIXELS, light_picture, map_picture

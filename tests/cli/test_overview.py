@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cli.figures import write_figure
-from cli.light import rgb_composite
+from cli.figures import rgb_composite, write_figure
 from cli.overview import overview_figure
 from warp_caustics.io.images import read_image
 from warp_caustics.scene import Scene

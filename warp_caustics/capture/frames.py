@@ -4,7 +4,7 @@ import numpy as np
 
 from warp_caustics.capture.preview import preview
 from warp_caustics.capture.shot import Shot
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import Work
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.channels import in_nm
 from warp_caustics.io.image_file import ImageFile

@@ -9,8 +9,7 @@ pixel, the test among neighbours would remove it; switch it off there.
 import numpy as np
 
 from warp_caustics.capture.preview import preview, preview_marks
-from warp_caustics.capture.stage import CaptureStage
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import CaptureStage, Work
 from warp_caustics.io.noise import BoolImage, FloatImage
 
 DARK_SIGMAS = 8.0

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.capture.preview import preview
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import Work
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.channels import WAVELENGTH_TOLERANCE_M, in_nm

@@ -27,8 +27,7 @@ from warp_caustics.capture.registration import check_in_photo
 from warp_caustics.capture.resample import MARGIN_PX, resample
 from warp_caustics.capture.sharpening import sharpen
 from warp_caustics.capture.shot import Capture, Shot
-from warp_caustics.capture.stage import CaptureStage
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import CaptureStage, Work
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.channels import channel_order
 from warp_caustics.io.image_file import ImageFile

@@ -22,8 +22,7 @@ import numpy as np
 
 from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.registration import Registration, window_positions_m
-from warp_caustics.capture.stage import CaptureStage
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import CaptureStage, Work
 from warp_caustics.io.noise import BoolImage, FloatImage, estimate_noise_std
 
 MIN_SHARE = 0.75

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from warp_caustics.capture.preview import preview
-from warp_caustics.capture.work import Work
+from warp_caustics.capture.stage import Work
 from warp_caustics.io.noise import FloatImage
 
 NOISE_SHARE = 0.01
