@@ -10,7 +10,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ORDER = ("warp_caustics", "data_gen", "nets", "cli")
-HEAVY = {"torch", "warp", "numpy", "scipy", "matplotlib", "h5py", "skimage", "trimesh", "tifffile", "pydantic", "yaml"}
+HEAVY = {
+    "torch", "warp", "numpy", "scipy", "matplotlib", "h5py", "skimage", "trimesh", "tifffile", "pydantic", "yaml",
+    "lightning", "optuna",
+}  # fmt: skip
 
 
 def imported_packages(source):

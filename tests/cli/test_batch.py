@@ -40,6 +40,13 @@ def fake(monkeypatch):
 
 
 @pytest.fixture
+def no_pages(monkeypatch):
+    """Leaves pictures and report empty, which take longer than all else here; they are tested where they are made."""
+    monkeypatch.setattr("cli.figures.write_figure", lambda path, figure: path.write_bytes(b""))
+    monkeypatch.setattr("cli.report.write.write_report", lambda path, content: path.write_text(""))
+
+
+@pytest.fixture
 def images(inputs, tmp_path):
     """Folder with three images, the second of which is none, and other things."""
     folder = tmp_path / "images"
@@ -60,7 +67,7 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
-def test_one_bad_image_does_not_stop_the_others(fake, images, tmp_path, capsys):
+def test_one_bad_image_does_not_stop_the_others(fake, no_pages, images, tmp_path, capsys):
     out = tmp_path / "out"
     assert batch(images, "-o", out, "--reference", images.parent / "none.npy") == 3
     shutil.rmtree(out)
@@ -78,7 +85,7 @@ def test_one_bad_image_does_not_stop_the_others(fake, images, tmp_path, capsys):
     assert f"error: {images / 'b.tif'}:" in captured.err
 
 
-def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
+def test_results_come_one_by_one(fake, no_pages, images, tmp_path, monkeypatch):
     """The first result is on disk before the second begins; a bug in one counts as its error."""
     out, seen = tmp_path / "out", []
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -108,7 +115,7 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
     assert [row["status"] for row in rows(out)] == ["done", "failed", "done"]
 
 
-def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, images, tmp_path, monkeypatch):
+def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, no_pages, images, tmp_path, monkeypatch):
     import cli.job
 
     run = cli.job.Job.run
@@ -123,14 +130,14 @@ def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, images, tmp_pat
     assert rows(tmp_path / "out")[0]["status"] == "interrupted"
 
 
-def test_json_is_one_record(fake, images, tmp_path, capsys):
+def test_json_is_one_record(fake, no_pages, images, tmp_path, capsys):
     assert batch(images, "-o", tmp_path / "out", "--json") == 3
     record = json.loads(capsys.readouterr().out)
     assert record["exit_code"] == 3 and len(record["images"]) == 3
     assert record["images"][0]["result"]["method"] == "fake" and record["images"][1]["result"] is None
 
 
-def test_earlier_results_need_force(fake, images, tmp_path, capsys):
+def test_earlier_results_need_force(fake, no_pages, images, tmp_path, capsys):
     arguments = images / "a.tif", images / "c.tif", "-o", tmp_path / "out"
     assert batch(*arguments) == 0
     capsys.readouterr()
