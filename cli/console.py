@@ -68,11 +68,17 @@ class Console:
             yield _sample_lines(), self.warn
 
 
+def terminal_bar(*columns: Any) -> Any:
+    """A bar of rich on stderr, which is gone when the work is done."""
+    from rich.console import Console as RichConsole
+    from rich.progress import Progress as RichProgress
+
+    return RichProgress(*columns, console=RichConsole(stderr=True), transient=True)
+
+
 @contextmanager
 def _bar() -> Iterator[Callable[["Progress"], None]]:
-    from rich.console import Console as RichConsole
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as RichProgress
 
     columns = (
         TextColumn("{task.description}"),
@@ -81,7 +87,7 @@ def _bar() -> Iterator[Callable[["Progress"], None]]:
         TextColumn("{task.fields[residual]}"),
         TimeElapsedColumn(),
     )
-    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+    with terminal_bar(*columns) as bar:
         task = bar.add_task("preparing", total=None, residual="")
 
         def show(state: "Progress") -> None:
@@ -119,9 +125,7 @@ def _log_lines() -> Callable[["Progress"], None]:
 
 @contextmanager
 def _sample_bar() -> Iterator[Callable[["BuildProgress"], None]]:
-    from rich.console import Console as RichConsole
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.progress import Progress as RichProgress
 
     columns = (
         TextColumn("samples"),
@@ -130,7 +134,7 @@ def _sample_bar() -> Iterator[Callable[["BuildProgress"], None]]:
         TextColumn("{task.fields[rate]:.1f}/s"),
         TextColumn("{task.fields[left]}"),
     )
-    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+    with terminal_bar(*columns) as bar:
         task = bar.add_task("samples", total=None, rate=0.0, left="")
 
         def show(state: "BuildProgress") -> None:

@@ -7,7 +7,7 @@ import rich_click as click
 from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, length, number
 from warp_caustics.device import start_device
-from warp_caustics.errors import EXIT_INTERRUPTED, InputError
+from warp_caustics.errors import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -164,15 +164,10 @@ def design_options(wishes: dict[str, Any]) -> Any:
     Raises:
         InputError: a value out of range, in one line.
     """
-    import pydantic
-
+    from cli.config import validated
     from warp_caustics.design.options import DesignOptions
-    from warp_caustics.scene import validation_lines
 
-    try:
-        return DesignOptions(**{key: value for key, value in wishes.items() if value is not None})
-    except pydantic.ValidationError as error:
-        raise InputError("; ".join(validation_lines(error))) from error
+    return validated(DesignOptions, {key: value for key, value in wishes.items() if value is not None})
 
 
 def read_picture(path: str, transfer: str | None) -> "ImageFile":

@@ -80,7 +80,9 @@ def search(
     """
     start = time.monotonic()
     _check_usage(data, fresh, n_trials, pool, steps_per_epoch, workers, devices)
+    from cli.config import validated
     from cli.train_config import new_run
+    from nets.search.config import SearchConfig
 
     overrides = {
         "training.batch_size": batch_size,
@@ -92,7 +94,8 @@ def search(
     }
     _check_settings(settings)
     run = new_run(kind, None, config_source, settings, overrides)  # type: ignore[arg-type]
-    wanted = _checked({"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time})
+    tree = {"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time}
+    wanted = validated(SearchConfig, tree)
     chosen = _devices(start_device(device), device, workers, devices)
     folder = _folder(output)
     from nets.search.study import address
@@ -130,18 +133,6 @@ def _check_settings(settings: Sequence[str]) -> None:
         key = setting.partition("=")[0].strip()
         if any(key == name or key.startswith(f"{name}.") for name in SEARCHED):
             raise InputError(f"--set {key} is what the search varies; leave it out (--max-epochs ends trials)")
-
-
-def _checked(tree: dict[str, Any]) -> "SearchConfig":
-    import pydantic
-
-    from nets.search.config import SearchConfig
-    from warp_caustics.scene import validation_lines
-
-    try:
-        return SearchConfig.model_validate(tree)
-    except pydantic.ValidationError as error:
-        raise InputError("; ".join(validation_lines(error)[:3])) from error
 
 
 def _devices(found: str, asked: str, workers: int, devices: int | None) -> list[str]:

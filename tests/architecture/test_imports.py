@@ -81,7 +81,7 @@ def test_help_loads_nothing_heavy(arguments):
 
 
 def test_help_loads_few_modules():
-    """Which makes it quick: 0.1 s where nothing else runs; torch alone would take 1 s and 1,500 modules."""
+    """Which makes it quick: 0.1 s where nothing else runs; torch alone would take 1 s and 1,100 modules."""
     code = "import sys; from cli.main import main; main(['--help']); print(len(sys.modules), file=sys.stderr)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert int(run.stderr) < 600
