@@ -23,7 +23,8 @@ import torch
 from data_gen.config import ReliefConfig
 from data_gen.patterns import draw_strokes
 from nets.inspection.from_nominal import FromNominal
-from warp_caustics.capture.radiometric import Capture, capture_to_irradiance
+from warp_caustics.capture.radiometric import capture_to_irradiance
+from warp_caustics.capture.shot import Capture
 from warp_caustics.inspection.findings import Inspection
 from warp_caustics.inspection.judge import judge_plate
 from warp_caustics.inspection.nominal import Nominal, with_lines

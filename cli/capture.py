@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.capture_options import capture_options, capture_settings, file_records
+from cli.capture_options import capture_options
 from cli.console import Console
 from cli.options import config_options, json_option
 
 if TYPE_CHECKING:
     from cli.config import Config
-    from warp_caustics.capture.radiometric import Capture
+    from warp_caustics.capture.shot import Capture
 
 
 @click.command()
@@ -49,8 +49,7 @@ def capture(
 
     from cli.config import load_config
     from warp_caustics.capture.read import read_capture
-    from warp_caustics.capture.settings import capture_files
-    from warp_caustics.io.atomic import atomic_path
+    from warp_caustics.capture.settings import capture_files, capture_settings
     from warp_caustics.io.images import write_image
 
     console = Console(as_json)
@@ -64,20 +63,18 @@ def capture(
     files = capture_files(photo, how)
     _check_outputs({"--output": output, "--stages": stages, "--mask": mask}, files)
     found = read_capture(photo, config.scene, how)
-    for warning in found.warnings:
-        console.warn(warning)
+    console.warn(*found.warnings)
     scene = config.scene
     write_image(output, found.irradiance, wavelengths_m=scene.wavelengths_m, pixel_size_m=scene.pixel_size_m)
     if mask is not None:
         write_image(mask, np.where(found.mask, 255, 0).astype(np.uint8))
     if stages is not None:
+        from cli.figures import write_figure
         from cli.stages import stages_figure
 
-        with atomic_path(stages) as temporary:
-            stages_figure(found.stages, scene.wavelengths_m).savefig(temporary)
+        write_figure(stages, stages_figure(found.stages, scene.wavelengths_m))
     console.line(f"image      {output}, {' x '.join(map(str, found.irradiance.shape))}")
-    for step in found.steps:
-        console.line(f"step       {step}")
+    console.line(*(f"step       {step}" for step in found.steps))
     noise = ", ".join(f"{value:.3g}" for value in found.noise_std)
     console.line(f"noise      {noise} W/m^2; {1 - found.mask.mean():.2%} of the pixels without measurement")
     console.record(_record(output, found, files, config))
@@ -85,6 +82,8 @@ def capture(
 
 
 def _record(output: str, found: "Capture", files: Mapping[str, str], config: "Config") -> dict[str, Any]:
+    from cli.provenance import file_records
+
     return {
         "output": output,
         "steps": found.steps,

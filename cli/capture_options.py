@@ -7,20 +7,18 @@ A command takes them in two lines::
         settings = capture_settings(capture, image)
         result = read_capture(image, config.scene, settings)
 
-with ``read_capture`` of :mod:`warp_caustics.capture.read`. IMAGE may be a
-capture file (.yaml), which lists the frames of one view.
+with functions of :mod:`warp_caustics.capture.settings` and
+:mod:`warp_caustics.capture.read`. IMAGE may be a capture file (.yaml), which
+lists the frames of one view.
 """
 
 import functools
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import rich_click as click
 
 from cli.options import Command, integer, number
-
-if TYPE_CHECKING:
-    from warp_caustics.capture.settings import CaptureSettings
 
 _OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("--capture", type=click.Path(), help="YAML file with all that follows; options given here win."),
@@ -76,33 +74,3 @@ def capture_options(command: Command) -> Command:
         wrapped = option(wrapped)
     result: Command = wrapped
     return result
-
-
-def capture_settings(options: Mapping[str, Any], image: str | None = None) -> "CaptureSettings":
-    """The settings that options describe; options win over the image's own capture file, that over --capture.
-
-    Args:
-        options: what :func:`capture_options` hands to a command.
-        image: photo or capture file.
-
-    Raises:
-        InputError: an unreadable file, an unknown key or a value out of range.
-    """
-    from warp_caustics.capture.settings import capture_from_tree, is_capture_file, read_capture_tree
-
-    files = [path for path in (options.get("capture"), image if image and is_capture_file(image) else None) if path]
-    tree: dict[str, Any] = {}
-    for path in files:
-        tree |= {key: value for key, value in read_capture_tree(path).items() if value is not None}
-    return capture_from_tree(tree | {key: value for key, value in options.items() if key != "capture"})
-
-
-def file_records(files: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Path and sha256 of each file, by its role."""
-    import hashlib
-
-    records = {}
-    for kind, path in files.items():
-        with open(path, "rb") as file:
-            records[kind] = {"path": path, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
-    return records

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, number, start_device
+from cli.options import config_options, device_option, integer, json_option, number
+from warp_caustics.device import start_device
+from warp_caustics.errors import EXIT_BUG, EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
-    from cli.comparison.cells import Cell
-    from cli.comparison.fields import Source
+    from nets.evaluation.cells import Cell
+    from nets.evaluation.fields import Source
     from warp_caustics.scene import Scene
 
 OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.html")
 """All that a folder of comparisons holds."""
-
-EXIT_BUG, EXIT_INTERRUPTED = 1, 130
 
 
 @click.command()
@@ -67,8 +67,9 @@ def compare(
     HEIGHTS alone is simulated; HEIGHTS:IMAGE has an image already. The same command continues after any
     interruption; what is finished is not computed again.
     """
-    from cli.comparison.specs import parse_budgets, parse_methods
     from cli.config import load_config
+    from cli.output import checked_folder
+    from nets.evaluation.method_spec import parse_budgets, parse_methods
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
     config = load_config(config_source, settings)
@@ -76,24 +77,22 @@ def compare(
     photons = _photons(n_photons)
     _check_noise(noise)
     console = Console(as_json)
-    folder = _checked_folder(output)
+    folder, _ = checked_folder(output, OUTPUTS.__contains__, "name a new folder, or an earlier one")
 
     device = start_device(device)
-    from cli.comparison.fields import prepare
-    from cli.comparison.run import check_methods
+    from nets.evaluation.fields import prepare
+    from nets.evaluation.run import check_methods
 
     sources = _sources(fields, testset, count, scene, device)
-    for problem in check_methods(specs, scene, device):
-        console.warn(problem)
+    console.warn(*check_methods(specs, scene, device))
     for part in (folder, folder / "cells", folder / "images"):
         part.mkdir(exist_ok=True)
     prepared = prepare(sources, scene, photons, noise, folder / "images", device)
     for field in prepared:
-        for warning in field.warnings:
-            console.warn(f"{field.name}: {warning}")
+        console.warn(*(f"{field.name}: {warning}" for warning in field.warnings))
 
-    from cli.comparison.cells import CellStore
-    from cli.comparison.schedule import Setup, run_cells
+    from nets.evaluation.cells import CellStore
+    from nets.evaluation.schedule import Setup, run_cells
 
     store = CellStore(folder / "cells")
     setup = Setup({field.name: field for field in prepared}, scene, photons, device, store)
@@ -111,15 +110,14 @@ def compare(
 
     from cli.comparison.about import about_comparison
     from cli.comparison.page import write_page
-    from cli.comparison.table import summary, table_rows, write_tables
+    from nets.evaluation.table import summary, table_rows, write_tables
 
     rows = table_rows(records, setup.fields)
     about = about_comparison(setup, specs, budgets, noise)
     write_tables(folder, rows, about)
     write_page(folder / "index.html", setup, records, rows, about)
 
-    for row in summary(rows):
-        console.line(_line(row))
+    console.line(*map(_line, summary(rows)))
     failed = [record for record in records if record["status"] == "failed"]
     console.line(
         f"result     {output}: {len(records)} cells, {progress.done} computed now; see {Path(output) / 'index.html'}"
@@ -158,35 +156,14 @@ def _photons(count: int | None) -> Any:
 
 
 def _check_noise(noise: float) -> None:
-    from warp_caustics.errors import InputError
-
     if not 0 <= noise <= 1:
         raise InputError(
             f"noise {noise:g} is not between 0 and 1, parts of the light through a flat plate; 0.01 is 1 %"
         )
 
 
-def _checked_folder(output: str) -> Path:
-    """The folder to write to: new, empty, or of an earlier comparison."""
-    from warp_caustics.errors import InputError
-
-    path = Path(output)
-    if path.is_dir():
-        foreign = sorted(entry.name for entry in path.iterdir() if entry.name not in OUTPUTS)
-        if foreign:
-            raise InputError(
-                f"output {output!r} holds other files ({', '.join(foreign)[:80]}); name a new folder, or an earlier one"
-            )
-    elif path.exists():
-        raise InputError(f"output {output!r} is a file; name a folder")
-    elif not path.absolute().parent.is_dir():
-        raise InputError(f"folder {str(path.parent)!r} does not exist; create it first")
-    return path
-
-
 def _sources(fields: tuple[str, ...], testset: bool, count: int | None, scene: "Scene", device: str) -> "list[Source]":
-    from cli.comparison.fields import file_sources, testset_sources
-    from warp_caustics.errors import InputError
+    from nets.evaluation.fields import file_sources, testset_sources
 
     if testset == bool(fields):
         raise InputError("give either height maps or --testset")

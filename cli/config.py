@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import pydantic
 import yaml
@@ -24,6 +24,8 @@ from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
 from warp_caustics.presets import PRESETS
 from warp_caustics.scene import Placement, Profile, Scene, validation_lines
 from warp_caustics.strict import Strict
+
+Model = TypeVar("Model", bound=BaseModel)
 
 MAX_PROBLEMS = 3
 """Problems named in one message."""
@@ -142,8 +144,17 @@ def load_config(
     for key, value in (overrides or {}).items():
         if value is not None:
             tree = merged(tree, nested(key.split("."), value), "")
+    return validated(Config, tree)
+
+
+def validated(kind: type[Model], tree: Mapping[str, Any]) -> Model:
+    """A record of that kind.
+
+    Raises:
+        InputError: unknown keys or values out of range, the first few of them.
+    """
     try:
-        return Config.model_validate(tree)
+        return kind.model_validate(dict(tree))
     except pydantic.ValidationError as error:
         problems = validation_lines(error)
         more = f"; {len(problems) - MAX_PROBLEMS} more problems" if len(problems) > MAX_PROBLEMS else ""

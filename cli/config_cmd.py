@@ -35,7 +35,7 @@ def show(source: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 def check(source: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     """Check a configuration, the reconstruction method's options included; exit code 3 where something is wrong."""
     from cli.config import load_config
-    from cli.reconstruct import make_method
+    from cli.job import make_method
 
     console, found = Console(as_json), load_config(source, settings)
     make_method(found, "cpu")

@@ -1,6 +1,5 @@
 """What a command says: lines and warnings for people, one JSON record for programs."""
 
-import json
 import math
 import sys
 import time
@@ -28,18 +27,22 @@ class Console:
     def __init__(self, as_json: bool = False):
         self.as_json = as_json
 
-    def line(self, text: str) -> None:
-        """A line of the result, for people."""
+    def line(self, *lines: str) -> None:
+        """Lines of the result, for people."""
         if not self.as_json:
-            click.echo(text)
+            for text in lines:
+                click.echo(text)
 
-    def warn(self, text: str) -> None:
-        """Something the user should know."""
-        click.echo(f"warning: {text}", err=True)
+    def warn(self, *lines: str) -> None:
+        """What the user should know."""
+        for text in lines:
+            click.echo(f"warning: {text}", err=True)
 
     def record(self, record: Mapping[str, Any]) -> None:
         """The result, for programs."""
         if self.as_json:
+            from warp_caustics.io.json_file import json_text
+
             click.echo(json_text(record))
 
     @contextmanager
@@ -65,11 +68,17 @@ class Console:
             yield _sample_lines(), self.warn
 
 
+def terminal_bar(*columns: Any) -> Any:
+    """A bar of rich on stderr, which is gone when the work is done."""
+    from rich.console import Console as RichConsole
+    from rich.progress import Progress as RichProgress
+
+    return RichProgress(*columns, console=RichConsole(stderr=True), transient=True)
+
+
 @contextmanager
 def _bar() -> Iterator[Callable[["Progress"], None]]:
-    from rich.console import Console as RichConsole
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as RichProgress
 
     columns = (
         TextColumn("{task.description}"),
@@ -78,7 +87,7 @@ def _bar() -> Iterator[Callable[["Progress"], None]]:
         TextColumn("{task.fields[residual]}"),
         TimeElapsedColumn(),
     )
-    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+    with terminal_bar(*columns) as bar:
         task = bar.add_task("preparing", total=None, residual="")
 
         def show(state: "Progress") -> None:
@@ -116,9 +125,7 @@ def _log_lines() -> Callable[["Progress"], None]:
 
 @contextmanager
 def _sample_bar() -> Iterator[Callable[["BuildProgress"], None]]:
-    from rich.console import Console as RichConsole
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.progress import Progress as RichProgress
 
     columns = (
         TextColumn("samples"),
@@ -127,7 +134,7 @@ def _sample_bar() -> Iterator[Callable[["BuildProgress"], None]]:
         TextColumn("{task.fields[rate]:.1f}/s"),
         TextColumn("{task.fields[left]}"),
     )
-    with RichProgress(*columns, console=RichConsole(stderr=True), transient=True) as bar:
+    with terminal_bar(*columns) as bar:
         task = bar.add_task("samples", total=None, rate=0.0, left="")
 
         def show(state: "BuildProgress") -> None:
@@ -155,23 +162,3 @@ def _time_left(state: "BuildProgress", before: str = "") -> str:
         return ""
     minutes, seconds = divmod(round(state.eta_s), 60)
     return f"{before}{minutes // 60}:{minutes % 60:02d}:{seconds:02d} left"
-
-
-def json_text(record: Mapping[str, Any]) -> str:
-    """A record as JSON; arrays become lists and NaN null, because JSON has neither."""
-    return json.dumps(plain(record), indent=2, allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """The same value in types that JSON knows."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, start_device
+from cli.options import config_options, device_option, integer, json_option
+from warp_caustics.device import start_device
+from warp_caustics.errors import DamagedDataError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import DatasetConfig
     from data_gen.sampler import SamplerFactory
     from data_gen.store.shard import Compression
-
-EXIT_DAMAGED = 4
 
 
 @click.group()
@@ -117,7 +117,7 @@ def verify(directory: str, fast: bool, as_json: bool) -> int:
             "problems": [{"shard": p.shard, "kind": p.kind, "reason": p.reason} for p in found.problems],
         }
     )
-    return EXIT_DAMAGED if found.problems else 0
+    return DamagedDataError.exit_code if found.problems else 0
 
 
 @data.command()

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, length, number, start_device
+from cli.options import config_options, device_option, integer, json_option, length, number
+from warp_caustics.device import start_device
+from warp_caustics.errors import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,8 +16,6 @@ if TYPE_CHECKING:
     from warp_caustics.design.designer import Design
     from warp_caustics.io.image_file import ImageFile
     from warp_caustics.types import FloatArray
-
-EXIT_INTERRUPTED = 130
 
 DEFAULT_SETTINGS = ("scene.height_samples=256",)
 """Where no configuration is named: pictures need finer relief than printed lines."""
@@ -100,7 +100,7 @@ def design(
     relief so far is still written.
     """
     from cli.config import load_config
-    from cli.results import check_target, result_folder
+    from cli.output import check_target, result_folder
 
     console = Console(as_json)
     folder = check_target(output, force, DESIGN_FILES)
@@ -135,10 +135,8 @@ def design(
         reading = {"floor": floor, "margin_m": margin, "fit": fit, "transfer": transfer, "mirror": mirror}
         record = design_record(target, result, config, reading, picture)
         write_design(temporary, result, config, record)
-    for warning in record["warnings"]:
-        console.warn(warning)
-    for line in summary(output, result):
-        console.line(line)
+    console.warn(*record["warnings"])
+    console.line(*summary(output, result))
     console.record(record)
     if result.stop_reason == "interrupted":
         click.echo(f"interrupted; the best relief so far is in {output}", err=True)
@@ -166,16 +164,10 @@ def design_options(wishes: dict[str, Any]) -> Any:
     Raises:
         InputError: a value out of range, in one line.
     """
-    import pydantic
-
+    from cli.config import validated
     from warp_caustics.design.options import DesignOptions
-    from warp_caustics.errors import InputError
-    from warp_caustics.scene import validation_lines
 
-    try:
-        return DesignOptions(**{key: value for key, value in wishes.items() if value is not None})
-    except pydantic.ValidationError as error:
-        raise InputError("; ".join(validation_lines(error))) from error
+    return validated(DesignOptions, {key: value for key, value in wishes.items() if value is not None})
 
 
 def read_picture(path: str, transfer: str | None) -> "ImageFile":
@@ -202,13 +194,8 @@ def design_record(
     target: str, result: "Design", config: "Config", reading: dict[str, Any], picture: "ImageFile"
 ) -> dict[str, Any]:
     """Everything about a design but its arrays."""
-    import hashlib
-    import time
+    from cli.provenance import file_records, provenance
 
-    from cli.env import versions
-
-    with open(target, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         **result.figures,
         "stop_reason": result.stop_reason,
@@ -218,10 +205,8 @@ def design_record(
         "settings": reading | result.settings,
         # A camera's linear data must not carry a tone curve; a picture may, and its curve has been taken off.
         "warnings": [*(note for note in picture.warnings if "tone curve" not in note), *result.warnings],
-        "inputs": {"target": {"path": target, "sha256": digest}},
-        "config_fingerprint": config.fingerprint(),
-        "versions": versions(),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "inputs": file_records({"target": target}),
+        **provenance(config),
         "history": result.history,
     }
 
@@ -229,27 +214,23 @@ def design_record(
 def write_design(folder: "Path", result: "Design", config: "Config", record: dict[str, Any]) -> None:
     """Write the files of a design (:data:`DESIGN_FILES`) into a folder."""
     from cli.config import dump_config
-    from cli.console import json_text
     from cli.design_picture import design_figure
-    from cli.overview import write_overview
-    from warp_caustics.io.atomic import atomic_path
-    from warp_caustics.io.heights import write_heights
+    from cli.figures import write_figure
+    from cli.output import write_print
+    from warp_caustics.io.atomic import write_text
     from warp_caustics.io.images import write_image
-    from warp_caustics.io.mesh import height_field_mesh, write_mesh
+    from warp_caustics.io.json_file import write_json
 
     scene = result.scene
-    write_heights(folder / "height.npy", result.heights_m)
-    write_heights(folder / "height.tif", result.heights_m)
-    write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
+    write_print(folder, result.heights_m, scene)
     write_image(
         folder / "caustic.tif", result.image, wavelengths_m=scene.wavelengths_m, pixel_size_m=scene.pixel_size_m
     )
     write_image(folder / "target.tif", result.target.astype("float32"), pixel_size_m=scene.pixel_size_m)
     write_image(folder / "caustic.png", display_counts(result.image, scene.radiosity_W_m2))
-    write_overview(folder / "design.png", design_figure(result))
-    for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
-        with atomic_path(folder / name) as path:
-            path.write_text(text, encoding="utf-8")
+    write_figure(folder / "design.png", design_figure(result))
+    write_text(folder / "config.resolved.yaml", dump_config(config))
+    write_json(folder / "result.json", record)
 
 
 def display_counts(image: "FloatArray", radiosity_W_m2: tuple[float, ...]) -> Any:

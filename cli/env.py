@@ -5,9 +5,9 @@ from typing import Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import json_option, start_device
-
-PACKAGES = ("nsfc", "warp-lang", "torch", "numpy", "scipy", "pydantic", "tifffile", "imagecodecs", "h5py")
+from cli.options import json_option
+from cli.provenance import versions
+from warp_caustics.device import start_device
 
 
 @click.command()
@@ -59,20 +59,6 @@ def environment() -> dict[str, Any]:
         "cuda": cuda,
         "kernel_cache": str(warp.config.kernel_cache_dir),
     }
-
-
-def versions() -> dict[str, str]:
-    """Version of Python and of each package that shapes a result."""
-    import importlib.metadata
-    import platform
-
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
 
 
 def _cpu_model() -> str:

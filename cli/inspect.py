@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.capture_options import capture_options, capture_settings
+from cli.capture_options import capture_options
 from cli.console import Console
-from cli.inspection.length import length
 from cli.options import config_options, device_option, json_option, number
+from cli.options import plate_length as length
 
 if TYPE_CHECKING:
     from warp_caustics.prints.line import Section
@@ -87,11 +87,12 @@ def inspect(
     Of several images, a folder or a pattern, each plate's result goes to OUTPUT/name-of-the-image, and
     OUTPUT/plates.csv has a row for each. The exit code is 0 if every plate is shown to be within tolerance, 7 if not.
     """
-    from cli.batch import image_list
     from cli.config import load_config
+    from cli.inputs import image_list
     from cli.inspection.job import InspectionJob
     from cli.inspection.series import run_series, run_watch
-    from cli.results import check_target
+    from cli.output import check_target
+    from warp_caustics.capture.settings import capture_settings
     from warp_caustics.errors import InputError
     from warp_caustics.inspection.nominal import judged_part, read_nominal, with_lines
 

@@ -6,24 +6,16 @@ in a file. Nothing heavy is imported here nor at the top of a command's module,
 so that ``nsfc --help`` answers at once.
 """
 
-import errno
 import importlib
 import signal
-import sys
-import tempfile
-import time
-import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import rich_click as click
 
-from warp_caustics.errors import CausticsError, InputError, ResourceError
-
-EXIT_BUG, EXIT_USAGE, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 130, 143
-EXIT_FAILED = 7
-"""An inspected plate is out of tolerance, or cannot be shown to be within."""
+from cli.failures import explained
+from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
@@ -112,40 +104,3 @@ def _sigterm_as_exception() -> Iterator[None]:
 def _report(message: str, code: int) -> int:
     click.echo(f"error: {' '.join(message.split())}", err=True)
     return code
-
-
-def explained(error: Exception) -> tuple[str, int]:
-    """Message and exit code for an error that a command let through."""
-    pydantic = sys.modules.get("pydantic")
-    if isinstance(error, CausticsError):
-        return str(error), error.exit_code
-    if pydantic is not None and isinstance(error, pydantic.ValidationError):
-        from warp_caustics.scene import validation_lines
-
-        return "; ".join(validation_lines(error)), InputError.exit_code
-    if is_out_of_memory(error):
-        return "out of memory; use fewer photons, a smaller image or another device", ResourceError.exit_code
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-        return f"{error}; free space on the disk", ResourceError.exit_code
-    return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
-
-
-def is_out_of_memory(error: Exception) -> bool:
-    """Whether host or device had too little memory."""
-    # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
-    named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
-    return named or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))
-
-
-def _keep_traceback(error: Exception) -> str:
-    """Save a traceback; returns where, as a phrase."""
-    text = f"{time.strftime('%Y-%m-%d %H:%M:%S')} {sys.argv}\n{''.join(traceback.format_exception(error))}"
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", prefix="nsfc-error-", suffix=".txt", delete=False, encoding="utf-8"
-        ) as file:
-            file.write(text)
-    except OSError:
-        click.echo(text, err=True)
-        return "its traceback could not be saved and stands above"
-    return f"its traceback is in {file.name}, please report it"

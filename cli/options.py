@@ -1,11 +1,8 @@
 """Options that several commands share."""
 
-import contextlib
 import math
-import os
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import rich_click as click
@@ -35,15 +32,47 @@ def integer(text: str) -> int:
     return int(value)
 
 
-UNITS_M = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
+UNITS_M = {
+    "": 1.0,
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "\N{MICRO SIGN}m": 1e-6,
+    "\N{GREEK SMALL LETTER MU}m": 1e-6,
+    "nm": 1e-9,
+}
+MAX_PLATE_LENGTH_M = 1.0
+_LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([^\s0-9]*)\s*")
 
 
 def length(text: str) -> float:
-    """Option type: length as ``0.1m``, ``100mm``, ``250um``, ``25nm`` or a plain number of metres; in metres."""
-    found = re.fullmatch(r"\s*([-+.\deE]+?)\s*(nm|um|mm|cm|m)?\s*", text)
-    if found is None:
-        raise click.BadParameter(f"{text!r} is not a length; write for example 0.1m, 100mm or 250um")
-    return number(found[1]) * UNITS_M[found[2] or "m"]
+    """Option type: length [m] as ``0.1m``, ``100mm``, ``250um``, ``25nm`` or a plain number of metres."""
+    found = _LENGTH.fullmatch(text)
+    if found is None or found[2] not in UNITS_M:
+        raise click.BadParameter(f"{text!r} is no length; write 50um, 0.1m or 5e-5 (metres)")
+    return number(found[1]) * UNITS_M[found[2]]
+
+
+def plate_length(text: str) -> float:
+    """Option type: length [m] on a plate, from 0 to below a metre."""
+    value = length(text)
+    if not 0 <= value < MAX_PLATE_LENGTH_M:
+        raise click.BadParameter(
+            f"{text!r} is {value:g} m, not between 0 and {MAX_PLATE_LENGTH_M:g} m; give a unit such as um"
+        )
+    return value
+
+
+UNITS_S = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def duration(text: str) -> float:
+    """Option type: time such as 90s, 8m, 1.5h or 2d; without a unit, seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhd]?)", text.strip())
+    if match is None or float(match[1]) == 0:
+        raise click.BadParameter(f"{text!r} is no time; write for example 90s, 8m or 1.5h")
+    return float(match[1]) * UNITS_S[match[2]]
 
 
 def config_options(command: Command) -> Command:
@@ -79,41 +108,3 @@ def json_option(command: Command) -> Command:
     """Adds --json."""
     option = click.option("--json", "as_json", is_flag=True, help="Print one JSON record on stdout, nothing else.")
     return option(command)
-
-
-def start_device(name: str) -> str:
-    """Device to use, checked, with Warp running.
-
-    Args:
-        name: value of --device.
-
-    Raises:
-        InputError: not a device name.
-        ResourceError: the machine has no such device.
-    """
-    import torch
-    import warp as wp
-
-    from warp_caustics.simulator import usable_device
-
-    has_cuda = torch.cuda.is_available()
-    if name == "auto":
-        name = "cuda" if has_cuda else "cpu"
-    device = str(usable_device(name))
-    # Warp's native code warns of a missing driver, whatever its log level; no news on a machine without a GPU.
-    with contextlib.nullcontext() if has_cuda else _stderr_off():
-        wp.init()
-    return device
-
-
-@contextlib.contextmanager
-def _stderr_off() -> Iterator[None]:
-    sys.stderr.flush()
-    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)

@@ -1,22 +1,25 @@
-"""The folder of a result: complete or absent; and what is written into it."""
+"""What a reconstruction leaves in its folder: record, heights, pictures and report."""
 
 import os
-import secrets
-import shutil
-import time
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.console import json_text
-from warp_caustics.errors import InputError
-from warp_caustics.io.atomic import reason
+import numpy as np
+
+from cli.config import Config, dump_config
+from cli.inputs import Inputs
+from cli.output import write_print
+from cli.provenance import provenance
+from cli.report.content import ReportContent
+from warp_caustics.io.atomic import write_text
+from warp_caustics.io.heights import write_heights
+from warp_caustics.io.json_file import write_json
+from warp_caustics.metrics import height_errors
+from warp_caustics.prints.line import Line
+from warp_caustics.prints.line_list import write_lines
 
 if TYPE_CHECKING:
-    from cli.config import Config
-    from cli.reconstruct import Inputs
-    from cli.report.content import ReportContent
     from warp_caustics.inspection.findings import Inspection
     from warp_caustics.reconstruct.base import Reconstruction
     from warp_caustics.types import FloatArray
@@ -35,80 +38,8 @@ FIBRE_FILES = ("printed_lines.csv",)
 ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES)
 
 
-def check_target(target: str | Path, force: bool, files: Collection[str] = ALL_FILES) -> Path:
-    """Path of a result folder, if it may be written.
-
-    Args:
-        target: path as given by a person.
-        force: an earlier result there may be replaced.
-        files: what such a result consists of.
-
-    Raises:
-        InputError: in use for something else, or no place for a folder.
-    """
-    path = Path(os.path.realpath(target))
-    name = repr(str(target))
-    if path == Path.cwd() or path in Path.cwd().parents:
-        raise InputError(f"output {name} is the folder you are in; name a new folder")
-    if not path.parent.is_dir():
-        raise InputError(f"folder {str(path.parent)!r} does not exist; create it first")
-    if not path.exists():
-        return path
-    if not path.is_dir():
-        raise InputError(f"output {name} is a file; name a folder")
-    held = sorted(os.listdir(path))
-    foreign = [entry for entry in held if entry not in files]
-    if foreign:
-        raise InputError(f"output {name} holds other files ({', '.join(foreign)[:80]}); name a new folder")
-    if held and not force:
-        raise InputError(f"output {name} holds an earlier result; name a new folder, or replace it with --force")
-    return path
-
-
-@contextmanager
-def result_folder(target: Path, force: bool, files: Collection[str] = ALL_FILES) -> Iterator[Path]:
-    """Fill a folder that takes its name only when the block ends well.
-
-    Yields a hidden folder beside ``target``. When the block raises (Ctrl-C and
-    SIGTERM included) it is removed, and an earlier result stays as it was.
-
-    Args:
-        target: path that :func:`check_target` returned.
-        force: replace an earlier result.
-        files: what such a result consists of.
-    """
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    try:
-        temporary.mkdir()
-    except OSError as error:
-        raise InputError(f"cannot create {str(target)!r} ({reason(error)}); choose another folder") from error
-    try:
-        yield temporary
-        _publish(temporary, check_target(target, force, files))
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _publish(temporary: Path, target: Path) -> None:
-    if not target.exists():
-        temporary.rename(target)
-        return
-    # rename() does not replace a folder with content: the old one steps aside, and back if that fails.
-    old = temporary.with_name(f"{temporary.name}.old")
-    target.rename(old)
-    try:
-        temporary.rename(target)
-    except BaseException:
-        old.rename(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def result_record(result: "Reconstruction", inputs: "Inputs", config: "Config") -> dict[str, Any]:
+def result_record(result: "Reconstruction", inputs: Inputs, config: Config) -> dict[str, Any]:
     """Everything about a result but its arrays."""
-    from cli.env import versions
-    from warp_caustics.metrics import height_errors
-
     reference, plate = inputs.reference, config.scene.plate_size_m
     return {
         "method": result.method,
@@ -131,17 +62,13 @@ def result_record(result: "Reconstruction", inputs: "Inputs", config: "Config") 
             "noise_std_W_m2": inputs.capture.noise_std,
             "saturated_fraction": inputs.capture.saturated_fraction,
         },
-        "config_fingerprint": config.fingerprint(),
-        "versions": versions(),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        **provenance(config),
         "history": result.history,
     }
 
 
 def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None") -> dict[str, Any] | None:
     """Figures of the uncertainty [um], and what share of errors it covers where the truth is known."""
-    import numpy as np
-
     if result.uncertainty_m is None:
         return None
     sigma = result.uncertainty_m
@@ -158,31 +85,24 @@ def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None")
 def write_results(
     folder: Path,
     result: "Reconstruction",
-    inputs: "Inputs",
-    config: "Config",
+    inputs: Inputs,
+    config: Config,
     record: Mapping[str, Any],
     inspection: "Inspection | None" = None,
 ) -> None:
     """Write the files of a result (``cli.results.FILES``) into a folder."""
-    from cli.config import dump_config
-    from cli.overview import overview_figure, uncertainty_figure, write_overview
+    from cli.figures import write_figure
+    from cli.overview import overview_figure, uncertainty_figure
     from cli.report.write import write_report
-    from warp_caustics.io.atomic import atomic_path
-    from warp_caustics.io.heights import write_heights
-    from warp_caustics.io.mesh import height_field_mesh, write_mesh
-    from warp_caustics.prints.line import Line
-    from warp_caustics.prints.line_list import write_lines
 
     scene = config.scene
     if result.uncertainty_m is not None:
         write_heights(folder / "uncertainty.npy", result.uncertainty_m)
         write_heights(folder / "uncertainty.tif", result.uncertainty_m)
-        write_overview(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
+        write_figure(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
     if result.fibres_m is not None:
         write_lines(folder / "printed_lines.csv", [Line((a, b), (c, d), w, h) for a, b, c, d, w, h in result.fibres_m])
-    write_heights(folder / "height.npy", result.heights_m)
-    write_heights(folder / "height.tif", result.heights_m)
-    write_mesh(folder / "surface.stl", height_field_mesh(result.heights_m, scene.plate_size_m, scene.base_thickness_m))
+    write_print(folder, result.heights_m, scene)
     figure = overview_figure(
         scene=scene,
         measured=inputs.capture.irradiance,
@@ -190,25 +110,10 @@ def write_results(
         heights_m=result.heights_m,
         caption=f"{result.method}: {'; '.join(_figures(result, record))}",
     )
-    write_overview(folder / "overview.png", figure)
-    write_report(folder / "report.html", _report_content(result, inputs, config, record, inspection))
-    for name, text in (("config.resolved.yaml", dump_config(config)), ("result.json", json_text(record) + "\n")):
-        with atomic_path(folder / name) as path:
-            path.write_text(text, encoding="utf-8")
-
-
-def _report_content(
-    result: "Reconstruction",
-    inputs: "Inputs",
-    config: "Config",
-    record: Mapping[str, Any],
-    inspection: "Inspection | None",
-) -> "ReportContent":
-    from cli.report.content import ReportContent
-
-    return ReportContent(
+    write_figure(folder / "overview.png", figure)
+    content = ReportContent(
         title=os.path.basename(inputs.files["image"]["path"]),
-        scene=config.scene,
+        scene=scene,
         record=record,
         measured=inputs.capture.irradiance,
         simulated=result.image,
@@ -219,6 +124,9 @@ def _report_content(
         inspection=inspection,
         mask=inputs.capture.mask,
     )
+    write_report(folder / "report.html", content)
+    write_text(folder / "config.resolved.yaml", dump_config(config))
+    write_json(folder / "result.json", record)
 
 
 def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:

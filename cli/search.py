@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, start_device
-from cli.train import duration
+from cli.options import config_options, device_option, duration, integer, json_option
+from warp_caustics.device import start_device
+from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, InputError, ResourceError
 
 if TYPE_CHECKING:
     import optuna
@@ -79,7 +80,9 @@ def search(
     """
     start = time.monotonic()
     _check_usage(data, fresh, n_trials, pool, steps_per_epoch, workers, devices)
+    from cli.config import validated
     from cli.train_config import new_run
+    from nets.search.config import SearchConfig
 
     overrides = {
         "training.batch_size": batch_size,
@@ -91,7 +94,8 @@ def search(
     }
     _check_settings(settings)
     run = new_run(kind, None, config_source, settings, overrides)  # type: ignore[arg-type]
-    wanted = _checked({"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time})
+    tree = {"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time}
+    wanted = validated(SearchConfig, tree)
     chosen = _devices(start_device(device), device, workers, devices)
     folder = _folder(output)
     from nets.search.study import address
@@ -101,8 +105,7 @@ def search(
     console = Console(as_json)
     code, study = _searched(wanted, where, folder, n_trials, deadline, chosen, paper_first, console)
     record = _record(output, study, wanted, time.monotonic() - start)
-    for line in _summary(record):
-        console.line(line)
+    console.line(*_summary(record))
     console.record(record)
     return code
 
@@ -126,31 +129,14 @@ def _check_usage(
 
 
 def _check_settings(settings: Sequence[str]) -> None:
-    from warp_caustics.errors import InputError
-
     for setting in settings:
         key = setting.partition("=")[0].strip()
         if any(key == name or key.startswith(f"{name}.") for name in SEARCHED):
             raise InputError(f"--set {key} is what the search varies; leave it out (--max-epochs ends trials)")
 
 
-def _checked(tree: dict[str, Any]) -> "SearchConfig":
-    import pydantic
-
-    from nets.search.config import SearchConfig
-    from warp_caustics.errors import InputError
-    from warp_caustics.scene import validation_lines
-
-    try:
-        return SearchConfig.model_validate(tree)
-    except pydantic.ValidationError as error:
-        raise InputError("; ".join(validation_lines(error)[:3])) from error
-
-
 def _devices(found: str, asked: str, workers: int, devices: int | None) -> list[str]:
     """The device of each worker."""
-    from warp_caustics.errors import InputError, ResourceError
-
     if not found.startswith("cuda") or ":" in asked:
         if devices is not None and devices > 1:
             raise InputError(f"--devices {devices}, but --device {asked} is one; use --device cuda")
@@ -170,17 +156,11 @@ def _folder(output: str) -> Path:
     Raises:
         InputError: it holds something else.
     """
-    from warp_caustics.errors import InputError
+    from cli.output import checked_folder
 
-    folder = Path(os.path.realpath(output))
-    if not folder.parent.is_dir():
-        raise InputError(f"folder {str(folder.parent)!r} does not exist; create it first")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"output {output!r} is a file; name a folder")
+    is_search = Path(output, RESOLVED).exists()
+    folder, _ = checked_folder(output, lambda name: is_search or name.startswith("."))
     folder.mkdir(exist_ok=True)
-    held = sorted(name for name in os.listdir(folder) if not name.startswith("."))
-    if held and RESOLVED not in held:
-        raise InputError(f"output {output!r} holds other files ({', '.join(held)[:80]}); name a new folder")
     return folder
 
 
@@ -202,11 +182,10 @@ def _searched(
     from nets.search.signals import StoppedError
     from nets.search.study import open_study, queue_best_of_paper
     from nets.search.worker import Goal
-    from warp_caustics.io.atomic import atomic_path
+    from warp_caustics.io.atomic import write_text
 
     study = open_study(where, wanted)  # before anything is written: it may be of another search
-    with atomic_path(folder / RESOLVED) as path:
-        path.write_text(dump_config(wanted), encoding="utf-8")
+    write_text(folder / RESOLVED, dump_config(wanted))
     if paper_first:
         queue_best_of_paper(study, wanted)
     plan = Plan(where, wanted, Goal(n_trials, deadline), folder, wanted.run.training.seed)
@@ -219,7 +198,7 @@ def _searched(
                 run_workers(plan, devices, show)
     except KeyboardInterrupt as error:
         stopped = error.reason if isinstance(error, StoppedError) else "interrupted"
-        code = 143 if stopped == "terminated" else 130
+        code = EXIT_TERMINATED if stopped == "terminated" else EXIT_INTERRUPTED
         click.echo(f"{stopped}; the same command goes on", err=True)
     finally:
         write_outputs(folder, study, wanted, is_last=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.console import Console
+from cli.console import Console, terminal_bar
 
 if TYPE_CHECKING:
     import optuna
@@ -29,11 +29,10 @@ def search_progress(console: Console, study: "optuna.Study", n_trials: int) -> I
     if console.as_json:
         yield lambda study: None
     elif sys.stderr.isatty():
-        from rich.console import Console as RichConsole
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("trials"), BarColumn(20), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
-        with Progress(*columns, TimeElapsedColumn(), console=RichConsole(stderr=True), transient=True) as bar:
+        with terminal_bar(*columns, TimeElapsedColumn()) as bar:
             task = bar.add_task("trials", total=n_trials, text="")
 
             def show(study: "optuna.Study") -> None:

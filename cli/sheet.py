@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cli.overview import BRIGHTEST_PERCENT, rgb_composite
+from cli.figures import new_figure, rgb_composite, white_level
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path
 from warp_caustics.scene import Scene
@@ -58,11 +57,10 @@ def draw_sheet(dataset: "CausticDataset", output: PathLike, samples: int) -> int
 def sheet_figure(rows: Sequence[Mapping[str, npt.NDArray[Any]]], scene: Scene) -> Figure:
     """Samples as pictures; fields of images are shown in colour, with the white of the row's first image."""
     names = [name for name in _TITLES if name in rows[0]]
-    figure = Figure(figsize=(2.9 * len(names), 2.75 * len(rows) + 0.4), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.9 * len(names), 2.75 * len(rows) + 0.4)
     panels = figure.subplots(len(rows), len(names), squeeze=False)
     for line, (row, axes_of_row) in enumerate(zip(rows, panels, strict=True)):
-        white = next(float(np.percentile(row[n], BRIGHTEST_PERCENT)) for n in names if row[n].ndim == 3) or 1.0
+        white = next(white_level(row[n]) for n in names if row[n].ndim == 3)
         for name, axes in zip(names, axes_of_row, strict=True):
             _show(figure, axes, name, row[name].astype(np.float64), scene, white)
             if line == 0:
@@ -77,7 +75,7 @@ def _show(figure: Figure, axes: Axes, name: str, array: npt.NDArray[Any], scene:
         axes.imshow(rgb_composite(array, scene.wavelengths_m, white), origin="lower")
         return
     if name == "gradient":
-        limit = float(np.percentile(np.abs(array), 99.5)) or 1.0
+        limit = white_level(np.abs(array))
         drawn = axes.imshow(array, origin="lower", cmap="RdBu_r", vmin=-limit, vmax=limit)
     else:
         drawn = axes.imshow(array * 1e6, origin="lower", cmap="viridis")

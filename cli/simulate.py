@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, number, seed_option, start_device
+from cli.options import config_options, device_option, integer, json_option, number, seed_option
+from warp_caustics.device import start_device
 
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
@@ -83,8 +84,7 @@ def simulate(
     )
     console.line(f"time       {elapsed_s:.2f} s on {simulator.device}")
     console.line(f"irradiance {image.min():.4g} to {image.max():.4g} W/m^2")
-    for line in energy_lines(budget):
-        console.line(line)
+    console.line(*energy_lines(budget))
     console.record(record)
 
 

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from cli.overview import BRIGHTEST_PERCENT, rgb_composite
+from cli.figures import new_figure, rgb_composite, white_level
 from warp_caustics.capture.stage import CaptureStage
 
 PANEL_INCHES = 3.6
@@ -26,8 +25,7 @@ def stages_figure(stages: Sequence[CaptureStage], wavelengths_m: tuple[float, ..
     """
     shown = [stage for stage in stages if stage.before is not None or stage.after is not None]
     rows = max(len(shown), 1)
-    figure = Figure(figsize=(3.1 * PANEL_INCHES, rows * PANEL_INCHES), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(3.1 * PANEL_INCHES, rows * PANEL_INCHES, dpi=90)
     panels = figure.subplots(rows, 3, squeeze=False)
     for number, (stage, row) in enumerate(zip(shown, panels, strict=False), 1):
         _show(row[0], stage.before, wavelengths_m, "before")
@@ -47,10 +45,9 @@ def _show(
     if image is None:
         axes.axis("off")
         return
-    order = wavelengths_m if len(image) == len(wavelengths_m) else tuple(float(-c) for c in range(len(image)))
-    white = float(np.percentile(image, BRIGHTEST_PERCENT)) or 1.0
+    white = white_level(image)
     # Row 0 below, as in every other picture of the window.
-    axes.imshow(rgb_composite(image, order, white), origin="lower", interpolation="antialiased")
+    axes.imshow(rgb_composite(image, wavelengths_m, white), origin="lower", interpolation="antialiased")
     _, height, width = image.shape
     axes.set_title(f"{title}, {width} x {height} px, white = {white:.4g}", fontsize=8)
     axes.tick_params(labelsize=7)

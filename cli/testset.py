@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from cli.console import json_text
 from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, field_heights, field_images
 from warp_caustics.errors import InputError
-from warp_caustics.io.atomic import atomic_path
 from warp_caustics.io.heights import write_heights
 from warp_caustics.io.images import write_image
+from warp_caustics.io.json_file import write_json
 from warp_caustics.scene import Scene
 
 
@@ -51,6 +50,5 @@ def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_
         "photons": TEST_PHOTONS.model_dump(),
         "scene": scene.model_dump(mode="json"),
     }
-    with atomic_path(folder / "testset.json") as path:
-        path.write_text(json_text(record) + "\n", encoding="utf-8")
+    write_json(folder / "testset.json", record)
     return record

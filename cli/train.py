@@ -1,7 +1,6 @@
 """``nsfc train``: train a network, or go on training it."""
 
 import os
-import re
 import shutil
 import time
 from collections.abc import Mapping
@@ -11,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, start_device
+from cli.options import config_options, device_option, duration, integer, json_option
+from warp_caustics.device import start_device
+from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, InputError, ResourceError
 
 if TYPE_CHECKING:
     from nets.training.config import RunConfig
@@ -22,16 +23,7 @@ RUN_FILES = (
     "config.resolved.yaml", "metrics.csv", "checkpoints", "pictures", "tensorboard", "weights.safetensors",
 )  # fmt: skip
 """What a run folder holds, and all that --force may remove."""
-EXIT_CODES = {"interrupted": 130, "terminated": 143}
-_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-
-
-def duration(text: str) -> float:
-    """Option type: time such as 90s, 8m, 1.5h or 2d; without a unit, seconds."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhd]?)", text.strip())
-    if match is None or float(match[1]) == 0:
-        raise click.BadParameter(f"{text!r} is no time; write for example 90s, 8m or 1.5h")
-    return float(match[1]) * _UNITS[match[2]]
+EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 
 
 @click.command()
@@ -84,7 +76,6 @@ def train(
     start = time.monotonic()
     _check_usage(data, fresh, resume, force, devices, preset, config_source)
     from cli.train_config import new_run, resumed_run
-    from warp_caustics.errors import InputError
 
     console = Console(as_json)
     if not resume and total_steps is None and total_time is None:
@@ -111,8 +102,7 @@ def train(
             check_run_folder(folder, force)
     result = _trained(config, folder, console, is_first, _start(device, devices), max_time, max_steps, start, resume)
     if is_first:
-        for line in summary(output, result):
-            console.line(line)
+        console.line(*summary(output, result))
         console.record({"output": output, **_record(result), "config": config.model_dump(mode="json")})
     if result.stop_reason in EXIT_CODES:
         if is_first:
@@ -136,8 +126,6 @@ def _check_usage(
 
 
 def _start(device: str, devices: int) -> tuple[str, int]:
-    from warp_caustics.errors import InputError, ResourceError
-
     name = start_device(device)
     if devices > 1:
         import torch
@@ -160,16 +148,9 @@ def check_run_folder(folder: Path, force: bool) -> None:
     Raises:
         InputError: it holds a run or something else.
     """
-    from warp_caustics.errors import InputError
+    from cli.output import checked_folder
 
-    if not folder.parent.is_dir():
-        raise InputError(f"folder {str(folder.parent)!r} does not exist; create it first")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"output {str(folder)!r} is a file; name a folder")
-    held = sorted(os.listdir(folder)) if folder.exists() else []
-    foreign = [name for name in held if name not in RUN_FILES and not name.startswith(".tmp-")]
-    if foreign:
-        raise InputError(f"output {str(folder)!r} holds other files ({', '.join(foreign)[:80]}); name a new folder")
+    folder, held = checked_folder(folder, lambda name: name in RUN_FILES or name.startswith(".tmp-"))
     # What has no checkpoint yet has learned nothing: a start that failed needs no --force.
     has_learned = (folder / "weights.safetensors").exists() or any(folder.glob("checkpoints/*.ckpt"))
     if has_learned and not force:
@@ -196,11 +177,10 @@ def _trained(
     from cli.train_progress import training_observer
     from nets.training.fabric import launched
     from nets.training.fit import Limits, fit
-    from warp_caustics.io.atomic import atomic_path
+    from warp_caustics.io.atomic import write_text
 
     if is_first:
-        with atomic_path(folder / RESOLVED) as path:
-            path.write_text(dump_config(config), encoding="utf-8")
+        write_text(folder / RESOLVED, dump_config(config))
     fabric = launched(*where)
     limits = Limits(max_steps, start + max_time if max_time is not None else None)
     with training_observer(console, is_first) as observer:

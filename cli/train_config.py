@@ -4,13 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pydantic
-
-from cli.config import MAX_PROBLEMS, config_path, merged, nested, parsed_setting
+from cli.config import config_path, merged, nested, parsed_setting, validated
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
 from warp_caustics.io.yaml_file import read_yaml
-from warp_caustics.scene import validation_lines
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -77,9 +74,4 @@ def _checked(tree: dict[str, Any], settings: Sequence[str], overrides: Mapping[s
     for key, value in overrides.items():
         if value is not None:
             tree = merged(tree, nested(key.split("."), value), "")
-    try:
-        return RunConfig.model_validate(tree)
-    except pydantic.ValidationError as error:
-        problems = validation_lines(error)
-        more = f"; {len(problems) - MAX_PROBLEMS} more problems" if len(problems) > MAX_PROBLEMS else ""
-        raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error
+    return validated(RunConfig, tree)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.console import LOG_INTERVAL_S, Console
+from cli.console import LOG_INTERVAL_S, Console, terminal_bar
 
 if TYPE_CHECKING:
     from nets.training.progress import TrainingProgress
@@ -98,11 +98,10 @@ def training_observer(console: Console, is_first: bool) -> Iterator[_Lines]:
     if console.as_json or not is_first:
         yield _Silent(console)
     elif sys.stderr.isatty():
-        from rich.console import Console as RichConsole
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.fields[text]}"))
-        with Progress(*columns, TimeElapsedColumn(), console=RichConsole(stderr=True), transient=True) as bar:
+        with terminal_bar(*columns, TimeElapsedColumn()) as bar:
             yield _Bar(console, bar)
     else:
         yield _Lines(console)

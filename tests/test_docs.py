@@ -156,7 +156,7 @@ def test_command_lines_parse(block, words):
 
         assert method in ALL_METHODS
     if isinstance(context.params.get("methods"), str):
-        from cli.comparison.specs import parse_methods
+        from nets.evaluation.method_spec import parse_methods
 
         assert parse_methods(context.params["methods"])
 

@@ -41,11 +41,10 @@ def test_result_files_are_those_written():
 
 def test_exit_codes_are_those_used():
     import warp_caustics.errors as errors
-    from cli import main
 
     codes = {int(code) for code in re.findall(r"^\| (\d+) \|", README, re.M)}
     classes = [errors.InputError, errors.DamagedDataError, errors.MismatchError, errors.ResourceError]
-    used = {0, main.EXIT_BUG, main.EXIT_USAGE, main.EXIT_INTERRUPTED, main.EXIT_TERMINATED, main.EXIT_FAILED}
+    used = {0, errors.EXIT_BUG, errors.EXIT_USAGE, errors.EXIT_INTERRUPTED, errors.EXIT_TERMINATED, errors.EXIT_FAILED}
     assert codes == used | {error.exit_code for error in classes}
 
 

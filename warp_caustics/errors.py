@@ -19,11 +19,14 @@ code  meaning
 ====  =====================================================
 """
 
+EXIT_BUG, EXIT_USAGE, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 7, 130, 143
+"""Codes of what no error class stands for."""
+
 
 class CausticsError(Exception):
     """Base of all errors this package raises on purpose."""
 
-    exit_code = 1
+    exit_code = EXIT_BUG
 
 
 class InputError(CausticsError, ValueError):
@@ -48,3 +51,10 @@ class ResourceError(CausticsError, RuntimeError):
     """Disk, memory or device is missing or too small."""
 
     exit_code = 6
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether host or device had too little memory."""
+    # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
+    named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+    return named or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))

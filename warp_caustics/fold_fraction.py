@@ -1,4 +1,8 @@
-"""Where light paths cross: the light map of a plate turns over, and with it the sign of its Jacobian determinant."""
+"""Where light paths cross: the light map of a plate turns over, and with it the sign of its Jacobian determinant.
+
+Exact, from a relief that is known. :mod:`warp_caustics.reconstruct.folds` estimates from an image alone whether there
+are any.
+"""
 
 import numpy as np
 import torch

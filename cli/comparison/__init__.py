@@ -1,1 +1,1 @@
-"""Comparison of reconstruction methods: fields, cells, scores, figures and page of ``nsfc compare``."""
+"""Figures and page of ``nsfc compare``; what they show comes from :mod:`nets.evaluation`."""

@@ -2,17 +2,16 @@
 
 import os
 import platform
-import time
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 
-from cli.comparison.code import code_version
-from cli.comparison.glass import FAR_SCREEN_M
-from cli.comparison.schedule import Setup
-from cli.comparison.specs import MethodSpec
-from cli.env import versions
+from cli.provenance import now, versions
+from nets.evaluation.code_version import code_version
+from nets.evaluation.method_spec import MethodSpec
+from nets.evaluation.schedule import Setup
+from warp_caustics.far_screen import FAR_SCREEN_M
 
 
 def about_comparison(setup: Setup, specs: Sequence[MethodSpec], budgets: Sequence[str], noise: float) -> dict[str, Any]:
@@ -31,7 +30,7 @@ def about_comparison(setup: Setup, specs: Sequence[MethodSpec], budgets: Sequenc
         "device": _device_name(setup.device),
         "versions": versions(),
         "code": code_version(),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "created": now(),
     }
 
 

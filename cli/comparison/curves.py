@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from cli.comparison.figures import DPI, png
-from cli.comparison.specs import CONVERGED, ONCE
-from cli.comparison.table import Row
+from cli.figures import new_figure
+from nets.evaluation.method_spec import CONVERGED, ONCE
+from nets.evaluation.table import Row
 
 # Okabe and Ito's colours, told apart by nearly everyone; markers tell the rest.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
@@ -66,8 +66,7 @@ def fold_scatter(rows: Sequence[Row], budgets: Sequence[str]) -> bytes:
 
 
 def _figure(count: int) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(5.2 * count, 4.4), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(5.2 * count, 4.4, dpi=DPI)
     return figure, figure.subplots(1, count, squeeze=False)[0]
 
 

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
-from cli.comparison.fields import Field
-from cli.comparison.glass import FAR_SCREEN_M, FarScreen
+from cli.figures import new_figure, rgb_composite, white_level
 from cli.lit_glass import exaggeration, lit_glass
-from cli.overview import BRIGHTEST_PERCENT, rgb_composite
+from nets.evaluation.fields import Field
+from warp_caustics.far_screen import FAR_SCREEN_M, FarScreen
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -58,7 +58,7 @@ class Sheets:
             title = f"{field.name}\n{field.folds:.1%} folded"
             self._glass(panels[0, column], field, field.heights_m, title)
             self._caustic(panels[1, column], field, field.heights_m)
-            white = float(np.percentile(field.image.irradiance, BRIGHTEST_PERCENT)) or 1.0
+            white = white_level(field.image.irradiance)
             self._show(panels[2, column], rgb_composite(field.image.irradiance, self.scene.wavelengths_m, white))
             drawn = self._show(panels[3, column], field.heights_m * 1e6, cmap="viridis", vmin=0, vmax=self.limit_um)
         _bar(figure, drawn, beside)
@@ -103,10 +103,8 @@ class Sheets:
     def _figure(self, titles: Sequence[str]) -> tuple[Figure, Any, Axes]:
         rows, columns = len(titles), len(self.fields)
         size = (_PANEL_IN * columns + 1.5, _PANEL_IN * rows + 0.5)
-        figure = Figure(
-            figsize=size, dpi=DPI, layout=ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
-        )
-        FigureCanvasAgg(figure)
+        layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
+        figure = new_figure(*size, dpi=DPI, layout=layout)
         # A column of its own for the colour bar, so that all rows are aligned.
         grid = figure.subplots(rows, columns + 1, squeeze=False, width_ratios=[*[1.0] * columns, _BAR_IN / _PANEL_IN])
         panels = grid[:, :columns]
@@ -129,8 +127,7 @@ class Sheets:
     def _caustic(self, axes: Axes, field: Field, heights_m: FloatArray) -> None:
         """With the white of the true plate's caustic."""
         if field.name not in self.far_white:
-            true = self.far(field.heights_m)
-            self.far_white[field.name] = float(np.percentile(true, BRIGHTEST_PERCENT)) or 1.0
+            self.far_white[field.name] = white_level(self.far(field.heights_m))
         self._show(axes, rgb_composite(self.far(heights_m), self.scene.wavelengths_m, self.far_white[field.name]))
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from cli.comparison.curves import fold_scatter, iteration_curves
 from cli.comparison.figures import MAX_COLUMNS, Sheets
-from cli.comparison.schedule import Setup
-from cli.comparison.specs import CONVERGED, ONCE
-from cli.comparison.table import MEASURES, Row, by_field, summary, summary_by_folds
 from cli.report.template import page_file, render_page
-from warp_caustics.io.atomic import atomic_path
+from nets.evaluation.method_spec import CONVERGED, ONCE
+from nets.evaluation.schedule import Setup
+from nets.evaluation.table import MEASURES, Row, by_field, summary, summary_by_folds
+from warp_caustics.io.atomic import write_text
 
 _PACKAGE = "cli.comparison"
 
@@ -57,8 +57,7 @@ def write_page(
         limit_um=sheets.limit_um,
         max_columns=MAX_COLUMNS,
     )
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def shown_cells(rows: Sequence[Row], budgets: Sequence[str]) -> list[tuple[str, str]]:

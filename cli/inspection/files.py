@@ -1,16 +1,15 @@
 """What an inspection writes besides the result of its reconstruction."""
 
-import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cli.console import json_text
+from cli.output import write_table
 from cli.results import ALL_FILES
-from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.json_file import write_json
 
 if TYPE_CHECKING:
     from warp_caustics.inspection.findings import Inspection
@@ -66,25 +65,16 @@ def write_inspection(folder: Path, found: "Inspection", scene: "Scene", title: s
         title: of the plate.
         record: what goes to inspection.json.
     """
+    from cli.figures import write_figure
     from cli.inspection.figure import inspection_figure
-    from cli.overview import write_overview
     from warp_caustics.io.heights import write_heights
 
     write_heights(folder / "deviation.npy", found.deviation_m)
     write_heights(folder / "deviation.tif", found.deviation_m)
-    write_overview(folder / "inspection.png", inspection_figure(found, scene, title))
+    write_figure(folder / "inspection.png", inspection_figure(found, scene, title))
     write_table(folder / "regions.csv", _REGION_COLUMNS, [_region_row(region) for region in found.regions])
     write_table(folder / "fibres.csv", _FIBRE_COLUMNS, [_fibre_row(fibre) for fibre in found.fibres])
-    with atomic_path(folder / "inspection.json") as path:
-        path.write_text(json_text(record) + "\n", encoding="utf-8")
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a CSV file, complete or not at all."""
-    with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(rows)
+    write_json(folder / "inspection.json", record)
 
 
 def _region_row(region: Any) -> dict[str, Any]:

@@ -7,11 +7,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.capture_options import capture_settings, file_records
-from cli.console import Console, json_text
+from cli.console import Console
+from cli.inputs import read_inputs
 from cli.inspection.files import INSPECTION_FILES, inspection_record, write_inspection
-from cli.main import EXIT_FAILED
-from cli.options import start_device
+from cli.output import result_folder
+from cli.provenance import file_records
+from cli.results import result_record, write_results
+from warp_caustics.capture.settings import capture_settings
+from warp_caustics.device import start_device
+from warp_caustics.errors import EXIT_FAILED
+from warp_caustics.io.json_file import json_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -112,15 +117,13 @@ class InspectionJob:
 
         Args:
             image: path.
-            target: folder that :func:`cli.results.check_target` returned.
+            target: folder that :func:`cli.output.check_target` returned.
             output: the same as a person wrote it.
             force: replace an earlier result, whatever --force says.
 
         Raises:
             KeyboardInterrupt: Ctrl-C; nothing is written, a measurement cut short judges no plate.
         """
-        from cli.reconstruct import read_inputs
-        from cli.results import result_folder, result_record, write_results
         from warp_caustics.inspection.judge import judge_plate
 
         console, config = self.console, self.config

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cli.inspection.files import write_table
-from warp_caustics.errors import DamagedDataError, InputError
+from cli.output import write_table
+from cli.provenance import file_sha256
+from warp_caustics.errors import DamagedDataError
 from warp_caustics.io.atomic import reason
 
 PLATES = "plates.csv"
@@ -118,7 +119,7 @@ class Plates:
             return False
         if row["modified"] == stamp(image).modified:
             return True
-        return bool(row["sha256"]) and row["sha256"] == digest(image)
+        return bool(row["sha256"]) and row["sha256"] == file_sha256(image)
 
     def add(self, image: str, row: Mapping[str, Any]) -> None:
         """Append a row, in place of an earlier one of that image; on disk when this returns."""
@@ -126,18 +127,3 @@ class Plates:
         name = os.path.basename(image)
         self.rows = [old for old in self.rows if old["image"] != name] + [complete]
         write_table(self.path, COLUMNS, self.rows)
-
-
-def digest(path: str) -> str:
-    """sha256 of a file.
-
-    Raises:
-        InputError: unreadable.
-    """
-    import hashlib
-
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path!r} cannot be read ({reason(error)}); check its permissions") from error

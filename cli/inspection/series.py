@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.inspection.plates import PLATES, TREND, Plates, digest, plate_row, stamp
+from cli.failures import explained
+from cli.inspection.plates import PLATES, TREND, Plates, plate_row, stamp
 from cli.inspection.watch import Watcher
-from warp_caustics.errors import InputError
+from cli.output import check_target, made_folder, result_names
+from cli.provenance import file_sha256
+from warp_caustics.errors import EXIT_INTERRUPTED
 from warp_caustics.io.atomic import reason
 
 if TYPE_CHECKING:
     from cli.inspection.job import InspectionJob
-
-EXIT_INTERRUPTED = 130
 
 
 def run_series(job: "InspectionJob", images: Sequence[str], output: str) -> int:
@@ -36,7 +37,7 @@ def run_series(job: "InspectionJob", images: Sequence[str], output: str) -> int:
         InputError: images of one name, or no place for the folder.
     """
     series = _Series(job, output)
-    _check_names(images)
+    result_names(images)  # two of one name would share a folder
     job.method()  # what is wrong with it is wrong for all
     codes: list[int] = []
     for number, image in enumerate(images, 1):
@@ -98,13 +99,7 @@ class _Series:
     """Table, folder and trend of a row of plates."""
 
     def __init__(self, job: "InspectionJob", output: str):
-        self.job, self.folder = job, Path(os.path.realpath(output))
-        if not self.folder.parent.is_dir():
-            raise InputError(f"folder {str(self.folder.parent)!r} does not exist; create it first")
-        try:
-            self.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError(f"output {output!r} cannot be made a folder ({reason(error)}); name another") from error
+        self.job, self.folder = job, made_folder(output)
         self.plates = Plates(self.folder, job.settings)
 
     def inspect(self, image: str) -> int:
@@ -113,13 +108,10 @@ class _Series:
         Raises:
             KeyboardInterrupt: Ctrl-C; the image is not listed, the next start takes it up again.
         """
-        from cli.main import explained
-        from cli.results import check_target
-
         started = time.perf_counter()
         row: dict[str, Any] = {"image": os.path.basename(image), "folder": Path(image).stem}
         try:
-            before, row["sha256"] = stamp(image), digest(image)
+            before, row["sha256"] = stamp(image), file_sha256(image)
             row["modified"] = before.modified
             # A folder that the table does not vouch for is left from an image of other content or settings.
             target = check_target(self.folder / Path(image).stem, True, self.job.files_written)
@@ -136,18 +128,7 @@ class _Series:
         return int(row["exit_code"])
 
     def _draw_trend(self) -> None:
+        from cli.figures import write_figure
         from cli.inspection.trend import trend_figure
-        from cli.overview import write_overview
 
-        write_overview(self.folder / TREND, trend_figure(self.plates.rows, self.job.tolerance_m))
-
-
-def _check_names(images: Sequence[str]) -> None:
-    owners: dict[str, str] = {}
-    for image in images:
-        stem = Path(image).stem
-        if stem in owners:
-            raise InputError(
-                f"{owners[stem]!r} and {image!r} would both go to the folder {stem!r}; rename one, or make two calls"
-            )
-        owners[stem] = image
+        write_figure(self.folder / TREND, trend_figure(self.plates.rows, self.job.tolerance_m))

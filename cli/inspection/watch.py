@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cli.batch import SUFFIXES
+from cli.inputs import SUFFIXES
 from cli.inspection.plates import Stamp, stamp
 
 

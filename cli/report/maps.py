@@ -34,7 +34,6 @@ class Map:
         high: of the last one.
         colours: name of the colour map.
         is_log: whether values are logarithms.
-        is_signed: whether 0 is the middle of the scale.
         tolerance: largest deviation allowed, in the unit of the values.
         boxes_mm: lower x, lower y, upper x, upper y and number of regions.
     """
@@ -48,7 +47,6 @@ class Map:
     high: float
     colours: str
     is_log: bool = False
-    is_signed: bool = False
     tolerance: float | None = None
     boxes_mm: tuple[tuple[float, float, float, float, str], ...] = ()
 
@@ -97,7 +95,6 @@ def all_maps(content: "ReportContent") -> dict[str, Map]:
             -limit,
             limit,
             DEVIATION,
-            is_signed=True,
             tolerance=tolerance,
             boxes_mm=tuple(_box_mm(region) for region in found.regions),
         )
@@ -114,7 +111,6 @@ def all_maps(content: "ReportContent") -> dict[str, Map]:
             -limit,
             limit,
             DEVIATION,
-            is_signed=True,
         )
     if content.uncertainty_m is not None:
         maps["uncertainty"] = _uncertainty_map(content.uncertainty_m * 1e6)

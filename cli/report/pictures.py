@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from cli.figures import DISPLAY_GAMMA
 from cli.report.arrays import reduced
 from cli.report.colours import MISSING_RGB, palette
 
@@ -17,28 +18,6 @@ if TYPE_CHECKING:
 CAUSTIC_PIXELS = 768
 STAGE_PIXELS = 256
 JPEG_QUALITY = 85
-
-DISPLAY_GAMMA = 2.2
-BRIGHTEST_PERCENT = 99.5
-"""Light at this percentile is white: caustic lines would otherwise leave the rest black."""
-
-
-def white_level(image: "FloatArray") -> float:
-    """Value that is shown as white; 1 where an image has no light."""
-    known = image[np.isfinite(image)]
-    white = float(np.percentile(known, BRIGHTEST_PERCENT)) if known.size else 0.0
-    return white if white > 0 else 1.0
-
-
-def rgb_channels(wavelengths_m: tuple[float, ...], count: int) -> list[int]:
-    """Channels for red, green and blue: longest, middle and shortest wavelength.
-
-    Args:
-        wavelengths_m: of the scene [m], shape [n_w].
-        count: channels of the image; where they are not the scene's, first, middle and last.
-    """
-    order = np.argsort(wavelengths_m)[::-1] if count == len(wavelengths_m) else np.arange(count)
-    return [int(order[index]) for index in (0, count // 2, -1)]
 
 
 def light_picture(image: "FloatArray", channels: list[int], white: float, limit: int) -> str:

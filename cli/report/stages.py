@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cli.figures import rgb_channels, white_level
 from cli.report.frame import Frame
 from cli.report.number import number
-from cli.report.pictures import STAGE_PIXELS, light_picture, rgb_channels, white_level
+from cli.report.pictures import STAGE_PIXELS, light_picture
 
 if TYPE_CHECKING:
     from warp_caustics.capture.stage import CaptureStage

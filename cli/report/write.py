@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from warp_caustics.io.atomic import PathLike, atomic_path
+from warp_caustics.io.atomic import PathLike, write_text
 
 if TYPE_CHECKING:
     from cli.report.content import ReportContent
@@ -18,9 +18,7 @@ def write_report(path: PathLike, content: "ReportContent") -> None:
         path: of the page.
         content: what it shows.
     """
-    text = report_text(content)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, report_text(content))
 
 
 def report_text(content: "ReportContent") -> str:
@@ -32,16 +30,17 @@ def report_text(content: "ReportContent") -> str:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 
-    from cli.console import plain
+    from cli.figures import BRIGHTEST_PERCENT, DISPLAY_GAMMA
     from cli.report.arrays import MAP_SAMPLES, SURFACE_SAMPLES
     from cli.report.browser import browser_record
     from cli.report.maps import all_maps
     from cli.report.number import number
-    from cli.report.pictures import BRIGHTEST_PERCENT, CAUSTIC_PIXELS, DISPLAY_GAMMA, JPEG_QUALITY, STAGE_PIXELS
+    from cli.report.pictures import CAUSTIC_PIXELS, JPEG_QUALITY, STAGE_PIXELS
     from cli.report.stages import shown_stages
     from cli.report.summary import VERDICTS, coverage, headline, key_figures
     from cli.report.tables import fibre_rows, file_rows, record_groups, region_rows, scene_rows, wavelength_rows
     from cli.report.template import inline_script, page_file, render_page
+    from warp_caustics.io.json_file import plain
 
     record: dict[str, Any] = plain(content.record)
     scene, found = content.scene, content.inspection
@@ -102,16 +101,10 @@ def _caustic_frames(content: "ReportContent") -> dict[str, "Frame"]:
     """Measured, re-simulated, and their difference."""
     import numpy as np
 
+    from cli.figures import rgb_channels, white_level
     from cli.report.colours import DEVIATION
     from cli.report.frame import colour_bar, plate_frame
-    from cli.report.pictures import (
-        BRIGHTEST_PERCENT,
-        CAUSTIC_PIXELS,
-        light_picture,
-        map_picture,
-        rgb_channels,
-        white_level,
-    )
+    from cli.report.pictures import CAUSTIC_PIXELS, light_picture, map_picture
 
     scene = content.scene
     size_mm = scene.plate_size_m[0] * 1e3, scene.plate_size_m[1] * 1e3
@@ -128,8 +121,7 @@ def _caustic_frames(content: "ReportContent") -> dict[str, "Frame"]:
     counted = np.isfinite(difference)
     with np.errstate(invalid="ignore"):
         rest = np.where(counted, difference, 0.0).sum(axis=0) / counted.sum(axis=0)
-    known = np.abs(rest[np.isfinite(rest)])
-    limit = (float(np.percentile(known, BRIGHTEST_PERCENT)) if known.size else 0.0) or 1.0
+    limit = white_level(np.abs(rest))
     frames["residual"] = plate_frame(
         map_picture(rest, -limit, limit, DEVIATION, CAUSTIC_PIXELS),
         "Map of re-simulated minus measured light",

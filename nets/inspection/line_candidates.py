@@ -11,13 +11,13 @@ import torch
 
 from nets.reconstruct.fibres.search import FINAL_ITERATIONS, ITERATIONS, LineSearch
 from nets.reconstruct.fibres.uncertainty import SPREADS
-from nets.reconstruct.record import as_glass
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.fit import FittedLine, fit_design
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.model import Limits, LineModel, rows_of
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import as_glass
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import nets.reconstruct
-from cli.batch import image_list
+from cli.inputs import image_list
 from cli.main import main
 from cli.results import FILES, UNCERTAINTY_FILES
 from warp_caustics.errors import InputError
@@ -40,6 +40,13 @@ def fake(monkeypatch):
 
 
 @pytest.fixture
+def no_pages(monkeypatch):
+    """Leaves pictures and report empty, which take longer than all else here; they are tested where they are made."""
+    monkeypatch.setattr("cli.figures.write_figure", lambda path, figure: path.write_bytes(b""))
+    monkeypatch.setattr("cli.report.write.write_report", lambda path, content: path.write_text(""))
+
+
+@pytest.fixture
 def images(inputs, tmp_path):
     """Folder with three images, the second of which is none, and other things."""
     folder = tmp_path / "images"
@@ -60,7 +67,7 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
-def test_one_bad_image_does_not_stop_the_others(fake, images, tmp_path, capsys):
+def test_one_bad_image_does_not_stop_the_others(fake, no_pages, images, tmp_path, capsys):
     out = tmp_path / "out"
     assert batch(images, "-o", out, "--reference", images.parent / "none.npy") == 3
     shutil.rmtree(out)
@@ -78,7 +85,7 @@ def test_one_bad_image_does_not_stop_the_others(fake, images, tmp_path, capsys):
     assert f"error: {images / 'b.tif'}:" in captured.err
 
 
-def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
+def test_results_come_one_by_one(fake, no_pages, images, tmp_path, monkeypatch):
     """The first result is on disk before the second begins; a bug in one counts as its error."""
     out, seen = tmp_path / "out", []
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -89,9 +96,9 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
             raise KeyError("bug")
         return original(self, image, **options)
 
-    import cli.reconstruct
+    import cli.job
 
-    make = cli.reconstruct.make_method
+    make = cli.job.make_method
 
     def made(config, device):
         nonlocal original
@@ -101,36 +108,36 @@ def test_results_come_one_by_one(fake, images, tmp_path, monkeypatch):
         return method
 
     original = None
-    monkeypatch.setattr(cli.reconstruct, "make_method", made)
+    monkeypatch.setattr(cli.job, "make_method", made)
     shutil.copy(images / "a.tif", images / "b.tif")
     assert batch(images / "*.tif", "-o", out) == 1
     assert "a" not in seen[0] and {"a", "summary.csv"} <= set(seen[1]) and "b" not in seen[2]
     assert [row["status"] for row in rows(out)] == ["done", "failed", "done"]
 
 
-def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, images, tmp_path, monkeypatch):
-    import cli.reconstruct
+def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, no_pages, images, tmp_path, monkeypatch):
+    import cli.job
 
-    run = cli.reconstruct.Job.run
+    run = cli.job.Job.run
 
     def interrupted(self, *args):
         outcome = run(self, *args)
         return replace(outcome, result=replace(outcome.result, stop_reason="interrupted"))
 
-    monkeypatch.setattr(cli.reconstruct.Job, "run", interrupted)
+    monkeypatch.setattr(cli.job.Job, "run", interrupted)
     assert batch(images, "-o", tmp_path / "out") == 130
     assert sorted(os.listdir(tmp_path / "out")) == ["a", "summary.csv"]
     assert rows(tmp_path / "out")[0]["status"] == "interrupted"
 
 
-def test_json_is_one_record(fake, images, tmp_path, capsys):
+def test_json_is_one_record(fake, no_pages, images, tmp_path, capsys):
     assert batch(images, "-o", tmp_path / "out", "--json") == 3
     record = json.loads(capsys.readouterr().out)
     assert record["exit_code"] == 3 and len(record["images"]) == 3
     assert record["images"][0]["result"]["method"] == "fake" and record["images"][1]["result"] is None
 
 
-def test_earlier_results_need_force(fake, images, tmp_path, capsys):
+def test_earlier_results_need_force(fake, no_pages, images, tmp_path, capsys):
     arguments = images / "a.tif", images / "c.tif", "-o", tmp_path / "out"
     assert batch(*arguments) == 0
     capsys.readouterr()
@@ -164,11 +171,11 @@ def test_what_counts_as_a_batch(images, tmp_path, monkeypatch):
 
 def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monkeypatch, capsys):
     """Its files can be replaced by a result without."""
-    import cli.reconstruct
+    import cli.job
 
     sigma = np.full((32, 32), 2e-6)
     sigma[0] = 5e-6
-    make = cli.reconstruct.make_method
+    make = cli.job.make_method
 
     def made(config, device):
         method = make(config, device)
@@ -178,7 +185,7 @@ def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monke
 
     arguments = inputs / "image.tif", "-o", tmp_path / "out", "--reference", inputs / "heights.npy"
     with monkeypatch.context() as patch:
-        patch.setattr(cli.reconstruct, "make_method", made)
+        patch.setattr(cli.job, "make_method", made)
         assert batch(*arguments) == 0
     out = tmp_path / "out"
     assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES))

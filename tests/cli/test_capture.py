@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.capture_options import capture_settings
 from cli.main import main
 from warp_caustics.capture.read import read_capture
+from warp_caustics.capture.settings import capture_settings
 from warp_caustics.errors import InputError
 from warp_caustics.io.images import read_image, write_image
 from warp_caustics.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cli.comparison.page as page_module
-import cli.comparison.run as run_module
+import nets.evaluation.run as run_module
 from cli.main import main
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import Reconstruction, Reconstructor
@@ -142,7 +142,7 @@ def test_changed_code_and_damaged_cells_are_computed_anew(lab, no_page, plates, 
         cell.write_bytes(cell.read_bytes()[:-20])
         assert compare(plates[:1], out, "direct,sfc:max_iterations=2") == 0
         assert len(lab.calls) == 3 + number
-    monkeypatch.setattr("cli.comparison.cells.code_version", lambda: "another")
+    monkeypatch.setattr("nets.evaluation.cells.code_version", lambda: "another")
     assert compare(plates[:1], out, "direct") == 0
     assert len(lab.calls) == 5
 

@@ -4,10 +4,7 @@ import io
 import json
 import sys
 
-import numpy as np
-import pytest
-
-from cli.console import Console, json_text
+from cli.console import Console
 from warp_caustics.reconstruct.base import Progress
 
 
@@ -71,14 +68,3 @@ def test_json_is_silent_but_for_the_record_and_warnings(capsys, monkeypatch):
 def test_without_json_no_record_is_printed(capsys):
     Console().record({"a": 1})
     assert capsys.readouterr().out == ""
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (float("nan"), None), (np.float32(0.5), 0.5), (np.array([1.0, np.inf]), [1.0, None]), ((1, "a"), [1, "a"]),
-        (np.int64(3), 3), (True, True), ({"k": {1: 2}}, {"k": {"1": 2}}), (complex(1, 2), "(1+2j)"),
-    ],
-)  # fmt: skip
-def test_records_become_plain_json(value, expected):
-    assert json.loads(json_text({"value": value})) == {"value": expected}

@@ -223,7 +223,7 @@ def test_pictures_of_no_use_end_in_one_line(tmp_path, capsys, name, picture, rea
 @pytest.mark.parametrize(
     ("options", "code", "reason"),
     [
-        (["--screen-distance", "1 inch"], 2, "not a length"),
+        (["--screen-distance", "1 inch"], 2, "is no length"),
         (["--screen-distance", "0"], 3, "screen_distance_m"),
         (["--screen-distance", "-0.1m"], 3, "screen_distance_m"),
         (["--screen-distance", "11m"], 3, "screen_distance_m"),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cli.overview import overview_figure, rgb_composite, write_overview
+from cli.figures import rgb_composite, write_figure
+from cli.overview import overview_figure
 from warp_caustics.io.images import read_image
 from warp_caustics.scene import Scene
 
@@ -68,12 +69,12 @@ def figure_of(scene, value):
 
 
 def test_a_black_image_matched_perfectly_is_still_a_picture(tmp_path, tiny_scene):
-    write_overview(tmp_path / "a.png", figure_of(tiny_scene, 0.0))
+    write_figure(tmp_path / "a.png", figure_of(tiny_scene, 0.0))
     picture = read_image(tmp_path / "a.png").values
     assert picture.shape[1:] == (1000, 1100) and np.ptp(picture) > 0
 
 
 def test_a_failing_writer_leaves_no_file(tmp_path, tiny_scene):
     with pytest.raises(ValueError, match="xyz"):
-        write_overview(tmp_path / "a.xyz", figure_of(tiny_scene, 1.0))
+        write_figure(tmp_path / "a.xyz", figure_of(tiny_scene, 1.0))
     assert list(tmp_path.iterdir()) == []

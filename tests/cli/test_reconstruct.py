@@ -13,7 +13,8 @@ import pytest
 import nets.reconstruct
 from cli.config import load_config
 from cli.main import main
-from cli.results import FILES, check_target, result_folder
+from cli.output import check_target, result_folder
+from cli.results import FILES
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import read_heights
 from warp_caustics.io.images import read_image, write_image
@@ -259,7 +260,7 @@ def test_a_failure_while_writing_leaves_the_earlier_result(fake, inputs, tmp_pat
     def fail(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cli.overview.write_overview", fail)
+    monkeypatch.setattr("cli.figures.write_figure", fail)
     assert reconstruct(inputs / "image.tif", tmp_path / "out", "--force", "--max-iterations", "5") == 6
     assert os.listdir(tmp_path) == ["out"]
     assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == before
@@ -293,12 +294,12 @@ def test_impossible_targets_are_refused(tmp_path, monkeypatch, target):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(InputError):
-        check_target("../file" if target == "file" else target, force=True)
+        check_target("../file" if target == "file" else target, True, FILES)
 
 
 def test_a_folder_filled_meanwhile_is_not_replaced(tmp_path):
-    target = check_target(tmp_path / "out", force=False)
-    with pytest.raises(InputError, match="other files"), result_folder(target, force=False) as folder:
+    target = check_target(tmp_path / "out", False, FILES)
+    with pytest.raises(InputError, match="other files"), result_folder(target, False, FILES) as folder:
         (folder / "height.npy").write_text("new")
         target.mkdir()
         (target / "notes.txt").write_text("mine")

@@ -126,15 +126,6 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
-def test_help_loads_nothing_heavy():
-    code = (
-        "import sys; from cli.main import main; code = main(['search', '--help']);"
-        "print('HEAVY', sorted({'torch', 'optuna', 'lightning', 'warp', 'numpy', 'pydantic', 'yaml'} & set(sys.modules)))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "Usage: nsfc search" in run.stdout and run.stdout.splitlines()[-1] == "HEAVY []"
-
-
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
 )

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from cli.main import main
-from cli.train import duration
+from cli.options import duration
 
 TINY = [
     "--device", "cpu", "--precision", "32", "--batch-size", "2",
@@ -130,15 +130,6 @@ def test_presets_and_configuration_files(tmp_path):
     assert new_run("direct", None, str(file), [], {}).training.learning_rate == 1e-3
 
 
-def test_help_loads_nothing_heavy():
-    code = (
-        "import sys; from cli.main import main; code = main(['train', '--help']);"
-        "print('HEAVY', sorted({'torch', 'lightning', 'warp', 'numpy', 'pydantic', 'yaml'} & set(sys.modules)))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "Usage: nsfc train" in run.stdout and run.stdout.splitlines()[-1] == "HEAVY []"
-
-
 def started(run, *arguments):
     """A training in a process of its own, from the moment it has a checkpoint."""
     nsfc = Path(sys.executable).with_name("nsfc")
@@ -176,18 +167,20 @@ def test_two_processes_end_together_when_their_time_is_up(tmp_path):
     """Both go by one clock; with a clock each, one waits for ever for a step that the other does not take."""
     from nets.training.record import read_metrics
 
-    run = tmp_path / "run"
-    command = [Path(sys.executable).with_name("nsfc"), "train", "direct", "--fresh", "-o", run, *TINY]
-    process = subprocess.Popen(
-        [*command, "--devices", "2", "--max-time", "20s"], stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    try:
-        _, text = process.communicate(timeout=150)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 0, text
-    assert read_metrics(run)[-1]["val_rmse_um"]
+    nsfc = Path(sys.executable).with_name("nsfc")
+    for limit_s in (15, 60, 240):  # a busy machine may not have begun to learn when the first of them is up
+        run = tmp_path / f"{limit_s}"
+        command = [nsfc, "train", "direct", "--fresh", "-o", run, *TINY, "--devices", "2", f"--max-time={limit_s}s"]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        try:
+            _, text = process.communicate(timeout=limit_s + 130)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        assert process.returncode == 0, text
+        if rows := read_metrics(run):
+            break
+    assert rows[-1]["val_rmse_um"]
 
 
 def test_kill_9_and_ctrl_c(tmp_path, capsys):

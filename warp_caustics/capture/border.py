@@ -44,13 +44,11 @@ class Border:
         corners_px: corners in the photo, clockwise as displayed with row 0 on top, from the upper left, shape [4, 2].
         rms_px: root mean square distance of the border from its lines [px].
         kept: part of the places along the border that were used.
-        edge_px: those places, shape [N, 2].
     """
 
     corners_px: Points
     rms_px: float
     kept: float
-    edge_px: Points
 
 
 def find_border(brightness: FloatImage, distortion: Distortion | None = None) -> Border:
@@ -70,7 +68,7 @@ def find_border(brightness: FloatImage, distortion: Distortion | None = None) ->
     corners, used, total = rough, np.zeros(0), 0
     for _ in range(2):
         sides = [_side(soft, a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
-        lines, distances, edges, total = [], [], [], 0
+        lines, distances, total = [], [], 0
         for places, wanted in sides:
             total += wanted
             ideal = places if distortion is None or not len(places) else distortion.undistort(places)
@@ -81,7 +79,6 @@ def find_border(brightness: FloatImage, distortion: Distortion | None = None) ->
                 )
             lines.append((centre, direction))
             distances.append(distance[kept])
-            edges.append(places[kept])
         ideal_corners = np.stack([_crossing(lines[side - 1], lines[side]) for side in range(4)])
         corners = ideal_corners if distortion is None else distortion.distort(ideal_corners)
         used = np.concatenate(distances)
@@ -93,7 +90,7 @@ def find_border(brightness: FloatImage, distortion: Distortion | None = None) ->
             f"{HINT}{lens}"
         )
     check_quadrilateral(corners, None)
-    return Border(corners, rms, len(used) / total, np.concatenate(edges))
+    return Border(corners, rms, len(used) / total)
 
 
 def _rough_corners(brightness: FloatImage) -> Points:

@@ -8,6 +8,8 @@ pixel, the test among neighbours would remove it; switch it off there.
 
 import numpy as np
 
+from warp_caustics.capture.preview import preview, preview_marks
+from warp_caustics.capture.stage import CaptureStage, Work
 from warp_caustics.io.noise import BoolImage, FloatImage
 
 DARK_SIGMAS = 8.0
@@ -19,6 +21,41 @@ NEIGHBOUR_SHARE = 0.5
 DEAD_SHARE = 0.5
 MAX_SHARE = 0.02
 """More hot pixels than that are no defects but a wrong frame or a wrong test."""
+
+
+def replace_hot_pixels(work: Work, dark: FloatImage | None) -> None:
+    """Replace pixels that lie in signal and flat field, and mask them.
+
+    Args:
+        work: signal in counts without offset.
+        dark: dark frame as it was taken, shape [C, H, W].
+    """
+    before = preview(work.signal)
+    bad = np.stack([odd_among_neighbours(signal) for signal in work.signal])
+    bad &= work.mask  # a saturated pixel is none
+    by_neighbours = int(bad.sum())
+    if dark is not None:
+        bad |= np.stack([hot_in_dark(frame) for frame in dark])
+    if work.light is not None:
+        bad |= np.stack([dead_in_flat(frame, work.region) for frame in work.light])
+    share = float(bad.mean())
+    if share > MAX_SHARE:
+        work.warnings.append(
+            f"{share:.1%} of the pixels look hot (limit {MAX_SHARE:.0%}), which no sensor has; they were kept. "
+            "Check the dark frame, or say hot_pixels: false"
+        )
+        return
+    work.signal = np.stack([replaced(signal, odd) for signal, odd in zip(work.signal, bad, strict=True)])
+    work.mask &= ~bad
+    count = int(bad.sum())
+    text = f"{count} hot or dead pixels replaced and masked ({by_neighbours} of them stand out of their neighbours)"
+    work.done("hot pixels", text, before, hot_pixels=float(count), by_neighbours=float(by_neighbours))
+    marks = np.unique(np.argwhere(bad)[:, :0:-1], axis=0).astype(np.float64)
+    last = work.stages.pop()
+    shown = preview_marks(marks, work.signal.shape[1:])
+    work.stages.append(CaptureStage(last.name, last.text, last.before, last.after, shown, last.figures))
+    if work.light is not None:
+        work.light = np.stack([replaced(frame, odd) for frame, odd in zip(work.light, bad, strict=True)])
 
 
 def hot_in_dark(dark: FloatImage) -> BoolImage:

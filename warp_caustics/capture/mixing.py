@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.capture.preview import preview
+from warp_caustics.capture.stage import Work
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.channels import WAVELENGTH_TOLERANCE_M, in_nm
@@ -116,6 +118,30 @@ def _csv_tree(file: Path) -> dict[str, Any]:
     if len(rows) < 2:
         raise InputError(f"{file} has {len(rows)} rows; give the wavelengths [m], then one row per camera channel")
     return {"wavelengths_m": rows[0], "matrix": rows[1:]}
+
+
+def unmix(work: Work, mixing: Mixing, wavelengths_m: tuple[float, ...]) -> None:
+    """Turn camera channels into wavelengths [m], in signal and flat field."""
+    matrix, condition = mixing.for_scene(wavelengths_m), mixing.condition()
+    before = preview(work.signal)
+    if work.light is not None:
+        work.light = unmixed(work.light, np.ones(work.light.shape, bool), matrix)[0]
+    work.signal, work.mask, rest = unmixed(work.signal, work.mask, matrix)
+    text = f"{len(matrix)} channels unmixed to {in_nm(wavelengths_m)}, condition number {condition:.3g}"
+    figures = {"condition": condition}
+    if np.isfinite(rest):
+        figures["unexplained"] = rest
+        text += f", {rest:.2%} of the signal unexplained"
+        if rest > 0.05:
+            work.warnings.append(
+                f"the mixing matrix leaves {rest:.1%} of the signal unexplained (tolerance 5 %); measure it again"
+            )
+    if condition > WARN_CONDITION:
+        work.warnings.append(
+            f"the mixing matrix has condition number {condition:.3g} and multiplies noise by up to that "
+            f"(limit {WARN_CONDITION:g}); use filters or wavelengths further apart"
+        )
+    work.done("unmixing", text, before, **figures)
 
 
 def unmixed(

@@ -11,9 +11,10 @@ from warp_caustics.capture.distortion import read_distortion
 from warp_caustics.capture.hot_pixels import odd_among_neighbours, replaced
 from warp_caustics.capture.mixing import read_mixing
 from warp_caustics.capture.preview import preview
-from warp_caustics.capture.radiometric import Capture, capture_to_irradiance
+from warp_caustics.capture.radiometric import calibrated
 from warp_caustics.capture.registration import Registration
 from warp_caustics.capture.settings import AUTO, CaptureSettings, check_consistent, is_capture_file
+from warp_caustics.capture.shot import Capture, Shot
 from warp_caustics.capture.stage import CaptureStage
 from warp_caustics.errors import InputError
 from warp_caustics.io.image_file import ImageFile
@@ -49,9 +50,9 @@ def read_capture(
         photo = merged.image
     registration = _registration(settings, scene, photo, None if merged else dark, flat, flat_dark or dark)
     by_default = registration is not None or merged is not None
-    return capture_to_irradiance(
+    shot = Shot(
         photo,
-        scene=scene,
+        scene,
         dark=dark,
         flat=flat,
         flat_dark=flat_dark,
@@ -64,6 +65,7 @@ def read_capture(
         is_dark_subtracted=merged is not None,
         stages=() if merged is None else (_merging(merged, settings),),
     )
+    return calibrated(shot)
 
 
 def _frame(path: str | None, settings: CaptureSettings) -> ImageFile | None:

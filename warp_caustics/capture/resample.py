@@ -20,18 +20,58 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.registration import Registration, window_positions_m
+from warp_caustics.capture.stage import CaptureStage, Work
 from warp_caustics.io.noise import BoolImage, FloatImage, estimate_noise_std
 
 MIN_SHARE = 0.75
 """Part of a window pixel that must come from pixels with a measurement; with less it is masked."""
 SMOOTH_SCALE = 2.0
 """From so many camera pixels per window pixel on, a linear spline does what a cubic one does."""
+MIN_SCALE = 0.9
+"""Camera pixels per window pixel below which the photo cannot show what the scene resolves."""
 MIN_SAMPLES, MAX_SAMPLES = 4, 24
 """Points per side of a window pixel at which the photo is read."""
 BLOCK_POINTS = 1 << 22
 MARGIN_PX = 24
 """Pixels kept around the window: a spline's coefficients forget what is further away."""
+
+
+def resample(work: Work, registration: Registration, pixels: int) -> float:
+    """Take the signal to the window of ``pixels`` per side; returns what the noise estimate must be multiplied by."""
+    from scipy import ndimage
+
+    assert work.region is not None
+    shape = work.region.shape
+    before, corners = preview(work.signal), preview_marks(registration.corners_px(), shape)
+    if work.light is None:
+        # A pixel across the border is partly dark; with a flat field that cancels.
+        work.mask &= ndimage.binary_erosion(work.region)
+    plan = planned(registration, pixels, (shape[0], shape[1]))
+    if plan.scale[0] < MIN_SCALE:
+        limit = int(pixels * plan.scale[0])
+        work.warnings.append(
+            f"the photo has {plan.scale[0]:.2f} camera pixels per pixel of the scene and is blurred beside it; "
+            f"come closer, or set image_pixels of the scene to {limit}"
+        )
+    work.signal, work.mask = to_window(np.nan_to_num(work.signal), work.mask, plan)
+    work.warnings.extend(registration.warnings)
+    factor = noise_factor(plan)
+    missing = float(1 - work.mask.mean())
+    text = f"resampled to {pixels} x {pixels} pixels, {plan.scale[0]:.2f} to {plan.scale[1]:.2f} camera pixels each" + (
+        "" if registration.distortion is None else ", lens distortion undone"
+    )
+    figures = {
+        "scale_min": plan.scale[0],
+        "scale_max": plan.scale[1],
+        "noise_factor": factor,
+        "missing_share": missing,
+    }
+    work.steps.append(text)
+    work.stages.append(CaptureStage("window", text, before, preview(work.signal), corners, figures))
+    work.region = None
+    return factor
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,6 +124,23 @@ def read_capture_tree(path: str | os.PathLike[str]) -> dict[str, Any]:
     return tree
 
 
+def capture_settings(options: Mapping[str, Any], image: str | None = None) -> CaptureSettings:
+    """The settings that options describe; options win over the image's own capture file, that over a common one.
+
+    Args:
+        options: fields of :class:`CaptureSettings` that were given, and ``capture``, path of a common capture file.
+        image: photo or capture file.
+
+    Raises:
+        InputError: an unreadable file, an unknown key or a value out of range.
+    """
+    files = [path for path in (options.get("capture"), image if image and is_capture_file(image) else None) if path]
+    tree: dict[str, Any] = {}
+    for path in files:
+        tree |= {key: value for key, value in read_capture_tree(path).items() if value is not None}
+    return capture_from_tree(tree | {key: value for key, value in options.items() if key != "capture"})
+
+
 def is_capture_file(image: str | os.PathLike[str]) -> bool:
     """Whether an image is a capture file, which lists the frames of one view."""
     return Path(os.fspath(image)).suffix.lower() in CAPTURE_SUFFIXES

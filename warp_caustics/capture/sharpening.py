@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from warp_caustics.capture.calibration import Work
 from warp_caustics.capture.preview import preview
+from warp_caustics.capture.stage import Work
 from warp_caustics.io.noise import FloatImage
 
 NOISE_SHARE = 0.01

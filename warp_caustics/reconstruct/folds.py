@@ -1,4 +1,7 @@
-"""Do light paths cross? As far as the brightness tells."""
+"""Do light paths cross? As far as the brightness of an image tells.
+
+Of a relief that is known, :mod:`warp_caustics.fold_fraction` says exactly where.
+"""
 
 import numpy as np
 

@@ -115,15 +115,6 @@ def test_an_earlier_result_needs_force(fake, inputs, lines_csv, tmp_path, capsys
     assert inspect(*arguments, "--force") == 0
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("50um", 5e-5), ("0.05mm", 5e-5), ("5e-5", 5e-5), ("50 \N{MICRO SIGN}m", 5e-5), ("1cm", 1e-2)]
-)
-def test_lengths_have_units(text, value):
-    from cli.inspection.length import length
-
-    assert length(text) == pytest.approx(value)
-
-
 def test_the_lines_of_a_height_map(fake, inputs, relief, tmp_path, capsys):
     """Found in the map, they are judged as those of a list; what is not made of lines is refused."""
     np.save(tmp_path / "design.npy", relief)

@@ -90,7 +90,7 @@ def browse(tmp_path):
             f"--force-device-scale-factor={scale}",
             f"--screenshot={picture}", "--dump-dom", page.as_uri(),
         ]  # fmt: skip
-        run = subprocess.run(command, capture_output=True, timeout=60, env={**os.environ, "HOME": str(tmp_path)})
+        run = subprocess.run(command, capture_output=True, timeout=300, env={**os.environ, "HOME": str(tmp_path)})
         dom = run.stdout.decode("utf-8")
         root = re.search(r"<html ([^>]*)>", dom)
         assert root, run.stderr.decode("utf-8", "replace")[-500:]

@@ -6,9 +6,9 @@ import torch
 from scipy import ndimage
 
 from warp_caustics import CausticSimulator, Scene
-from warp_caustics.capture.calibration import Work
 from warp_caustics.capture.radiometric import capture_to_irradiance
 from warp_caustics.capture.sharpening import sharpen, wiener
+from warp_caustics.capture.stage import Work
 from warp_caustics.io.image_file import ImageFile
 from warp_caustics.prints.line import Line, line_relief
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from warp_caustics.capture.radiometric import Capture, capture_to_irradiance
+from warp_caustics.capture.radiometric import capture_to_irradiance
+from warp_caustics.capture.shot import Capture
 from warp_caustics.errors import CausticsError, InputError, MismatchError
 from warp_caustics.io import ImageFile
 from warp_caustics.scene import Scene

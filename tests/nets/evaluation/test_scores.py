@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.ndimage
 
-from cli.comparison.fields import Field
-from cli.comparison.scores import SCORES, Scorer, relief_ssim
+from nets.evaluation.fields import Field
+from nets.evaluation.scores import SCORES, Scorer, relief_ssim
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cli.comparison.fields import Field
-from cli.comparison.scores import SCORES
-from cli.console import json_text
+from nets.evaluation.fields import Field
+from nets.evaluation.scores import SCORES
 from warp_caustics.fold_fraction import fold_bin, fold_bins
-from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.atomic import write_text
+from warp_caustics.io.json_file import write_json
 
 COSTS = {"time_s": "time [s]", "peak_memory_MB": "peak memory [MB]"}
 
@@ -69,14 +69,9 @@ def write_tables(folder: Path, rows: Sequence[Row], about: Mapping[str, Any]) ->
     grouped = summary(rows)
     folds = summary_by_folds(rows)
     record = {"about": about, "rows": rows, "summary": grouped, "by_folds": folds, "by_field": by_field(rows)}
-    texts = {
-        "table.csv": _csv_text(rows, COLUMNS),
-        "summary.csv": _csv_text([*grouped, *folds], ("fold_bin", *grouped[0])),
-        "table.json": json_text(record) + "\n",
-    }
-    for name, text in texts.items():
-        with atomic_path(folder / name) as path:
-            path.write_text(text, encoding="utf-8")
+    write_text(folder / "table.csv", _csv_text(rows, COLUMNS))
+    write_text(folder / "summary.csv", _csv_text([*grouped, *folds], ("fold_bin", *grouped[0])))
+    write_json(folder / "table.json", record)
 
 
 def _grouped(rows: Iterable[Row], keys: Sequence[str]) -> list[Row]:

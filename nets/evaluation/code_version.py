@@ -7,7 +7,7 @@ from pathlib import Path
 import nets
 import warp_caustics
 
-_OTHERS = ("search",)
+_OTHERS = ("evaluation", "search")
 """Folders that no reconstruction uses."""
 
 

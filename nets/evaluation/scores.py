@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from skimage.metrics import structural_similarity
 
-from cli.comparison.fields import Field
+from nets.evaluation.fields import Field
 from warp_caustics.metrics import height_errors, relative_residual
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.comparison.specs import parse_budgets, parse_methods
+from nets.evaluation.method_spec import parse_budgets, parse_methods
 from warp_caustics.errors import InputError
 
 

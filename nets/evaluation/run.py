@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from cli.comparison.fields import Field
-from cli.comparison.specs import FLAT, MethodSpec, Stage
+from nets.evaluation.fields import Field
+from nets.evaluation.method_spec import FLAT, MethodSpec, Stage
 from warp_caustics.errors import CausticsError, InputError
 from warp_caustics.metrics import relative_residual
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from cli.comparison.cells import Bench, Cell, CellStore, cell_key
-from cli.comparison.fields import Field
-from cli.comparison.specs import MethodSpec
 from data_gen.dataset_config import PhotonConfig
+from nets.evaluation.cells import Bench, Cell, CellStore, cell_key
+from nets.evaluation.fields import Field
+from nets.evaluation.method_spec import MethodSpec
+from warp_caustics.device import start_device
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.scene import Scene
 
@@ -106,8 +107,6 @@ _bench: Bench | None = None
 
 def _start_worker(setup: Setup) -> None:
     global _bench
-    from cli.options import start_device
-
     start_device(setup.device)
     _bench = setup.bench()
 

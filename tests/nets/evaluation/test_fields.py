@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cli.comparison import fields
-from cli.comparison.fields import file_sources, prepare, testset_sources
 from data_gen.dataset_config import PhotonConfig
 from data_gen.testset import field_images
+from nets.evaluation import fields
+from nets.evaluation.fields import file_sources, prepare, testset_sources
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.images import write_image
 

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from cli.comparison.arrays import array_hash, read_arrays, write_arrays
-from cli.comparison.code import code_version
-from cli.reconstruct import read_inputs
 from data_gen.dataset_config import PhotonConfig, sample_generator, sample_seed
 from data_gen.testset import TEST_FIELDS, field_heights, fields_config
-from warp_caustics.errors import InputError, MismatchError
+from nets.evaluation.arrays import array_hash, read_arrays, write_arrays
+from nets.evaluation.code_version import code_version
+from warp_caustics.capture.read import read_capture
+from warp_caustics.errors import InputError
 from warp_caustics.fold_fraction import fold_fraction
-from warp_caustics.io.heights import read_heights
+from warp_caustics.io.heights import read_relief
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -152,21 +152,14 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 def _simulated_source(path: str, scene: Scene) -> Source:
-    heights = read_heights(path)
-    n = scene.height_samples
-    if heights.shape != (n, n):
-        raise MismatchError(
-            f"field {path!r} has shape {list(heights.shape)}, the scene [{n}, {n}]; "
-            f"resample it, or --set scene.height_samples={len(heights)}"
-        )
+    heights = read_relief(path, scene.height_samples, "field")
     return Source(Path(path).stem, heights, (array_hash(heights), 0))
 
 
 def _paired_source(heights: str, image: str, scene: Scene) -> Source:
-    inputs = read_inputs({"image": image, "reference": heights}, scene)
-    assert inputs.reference is not None
-    key = array_hash(inputs.reference), 0
-    return Source(Path(heights).stem, inputs.reference, key, inputs.caustic, inputs.capture.warnings)
+    capture = read_capture(image, scene)
+    relief = read_relief(heights, scene.height_samples, "reference")
+    return Source(Path(heights).stem, relief, (array_hash(relief), 0), capture.caustic, capture.warnings)
 
 
 def _image_key(source: Source, scene: Scene, photons: PhotonConfig, noise: float) -> str:

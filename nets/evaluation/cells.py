@@ -11,17 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from cli.comparison.arrays import read_arrays, write_arrays
-from cli.comparison.code import code_version
-from cli.comparison.fields import Field
-from cli.comparison.meter import Meter
-from cli.comparison.run import privileged_knowledge, reconstruct, warm_up
-from cli.comparison.scores import Scorer
-from cli.comparison.specs import CONVERGED, ONCE, MethodSpec
-from cli.console import json_text, plain
-from cli.main import EXIT_BUG, is_out_of_memory
-from warp_caustics.errors import CausticsError, ResourceError
-from warp_caustics.io.atomic import atomic_path
+from nets.evaluation.arrays import read_arrays, write_arrays
+from nets.evaluation.code_version import code_version
+from nets.evaluation.fields import Field
+from nets.evaluation.meter import Meter
+from nets.evaluation.method_spec import CONVERGED, ONCE, MethodSpec
+from nets.evaluation.run import privileged_knowledge, reconstruct, warm_up
+from nets.evaluation.scores import Scorer
+from warp_caustics.errors import EXIT_BUG, CausticsError, ResourceError, is_out_of_memory
+from warp_caustics.io.atomic import write_text
+from warp_caustics.io.json_file import plain, write_json
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
@@ -98,13 +97,11 @@ class CellStore:
     def write(self, key: str, record: Mapping[str, Any], heights_m: FloatArray) -> None:
         """Keep a finished cell."""
         write_arrays(self.folder / f"{key}.npz", {"heights_m": heights_m.astype(np.float32)})
-        with atomic_path(self.folder / f"{key}.json") as path:
-            path.write_text(json_text(record) + "\n", encoding="utf-8")
+        write_json(self.folder / f"{key}.json", record)
 
     def write_traceback(self, key: str, text: str) -> None:
         """Keep what a bug left behind; not taken for a result."""
-        with atomic_path(self.folder / f"{key}.traceback.txt") as path:
-            path.write_text(text, encoding="utf-8")
+        write_text(self.folder / f"{key}.traceback.txt", text)
 
 
 class Bench:
