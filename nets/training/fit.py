@@ -20,20 +20,18 @@ from typing import Any
 import torch
 
 from nets.architecture import build
+from nets.training.batch import Batch, Source
 from nets.training.checkpoint import has_checkpoint, newest_checkpoint, remove_unfinished, save_best, save_checkpoint
-from nets.training.clock import Stopwatch
 from nets.training.config import RunConfig
-from nets.training.early_stopping import EarlyStopping
-from nets.training.export import export_weights, load_initial_weights
+from nets.training.devices import Stopwatch, autocast
 from nets.training.keys import step_seed
 from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
-from nets.training.pictures import write_sample
-from nets.training.precision import autocast
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult
-from nets.training.record import RunRecord
-from nets.training.sources import Batch, ReplaySource, Source, make_source
-from nets.training.state import RunState, finite_or_none
+from nets.training.record import RunRecord, write_sample
+from nets.training.sources import ReplaySource, make_source
+from nets.training.state import EarlyStopping, RunState, finite_or_none
 from nets.training.tasks import make_task
+from nets.training.weights import export_weights, load_initial_weights
 from warp_caustics.errors import ResourceError
 
 AGREE_EVERY_STEPS = 10

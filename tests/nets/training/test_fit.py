@@ -7,12 +7,11 @@ import pytest
 import torch
 
 from nets.training.augment import transformed
-from nets.training.clock import Stopwatch
 from nets.training.config import UnrollingConfig
+from nets.training.devices import Stopwatch
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
 from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
-from nets.training.pictures import write_sample
-from nets.training.record import read_metrics
+from nets.training.record import read_metrics, write_sample
 from nets.training.sources import FreshSource
 from nets.training.tasks import Sample, make_task
 from nets.training.unrolling import UnrolledTask, unrolled_steps
