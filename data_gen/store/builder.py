@@ -2,13 +2,11 @@
 
 import hashlib
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Literal
 
 from data_gen.dataset_config import DatasetConfig
@@ -27,6 +25,7 @@ from data_gen.store.verification import Problem, check_shard
 from data_gen.store.worker import WorkerJob
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.signals import Restore, answered
 
 Check = Literal["fast", "full"]
 
@@ -65,7 +64,7 @@ def build(
         preflight: refuse to start when the disk cannot hold the data set.
         progress: called with the state after each shard.
         notice: called with one line for each thing that went wrong and was mended.
-        hang_s: a worker without a sign of life for so long is replaced [s].
+        hang_s: a worker without a sign of life for so long is replaced [s]; 60 s at least where it has yet to start.
         shard_timeout_s: so is one that takes longer for a shard [s]; None waits for ever.
 
     Returns:
@@ -287,18 +286,14 @@ def _stored(config: DatasetConfig) -> StoredConfig:
 @contextmanager
 def terminated_as_exit() -> Iterator[None]:
     """SIGTERM ends the build through its clean-up, unless somebody else looks after it."""
-    in_main = threading.current_thread() is threading.main_thread()
-    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+    if signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
 
-    def stop(signum: int, frame: FrameType | None) -> None:
+    def stop(number: int, restore: Restore) -> None:
         # A second one ends the process at once.
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        restore()
         raise SystemExit(143)
 
-    signal.signal(signal.SIGTERM, stop)
-    try:
+    with answered(stop, signal.SIGTERM):
         yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)

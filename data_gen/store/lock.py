@@ -5,6 +5,12 @@ moment its holder dies, and a lease in the same file for builders on other
 hosts, to whom flock may mean nothing. The holder touches the file every few
 seconds; a lease that nobody touched for the grace time is taken over. Data do
 not depend on this: two builders write the same bytes, the lock only saves work.
+
+The package filelock has both kinds, but not together. Its native lock knows no
+other hosts and no name of the holder. Its SoftFileLease makes a build that is
+resumed watch a dead host's lease for the whole grace time, where the age of the
+file tells at once, and recognises the dead of its own host by their process
+number alone, which means nothing between containers.
 """
 
 import errno
