@@ -9,9 +9,8 @@ import torch
 from pydantic import Field
 from torch import nn
 
-from nets.config import NetworkConfig
+from nets.config import FAMILY_PRESETS, DenoiserConfig, NetworkConfig, UpdaterConfig
 from nets.denoiser import Denoiser
-from nets.family_config import FAMILY_PRESETS, DenoiserConfig, UpdaterConfig
 from nets.modern import DirectNet, UnrolledUpdater
 from nets.modern_config import MODERN_PRESETS, DirectConfig, UnrolledConfig
 from nets.updater import Updater

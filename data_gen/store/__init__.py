@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from data_gen.store.builder import build as build
     from data_gen.store.cluster import build_on_cluster as build_on_cluster
+    from data_gen.store.datamodule import CausticDataModule as CausticDataModule
     from data_gen.store.disk_space import Estimate as Estimate
     from data_gen.store.disk_space import estimate as estimate
     from data_gen.store.index import write_index as write_index
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "BuildReport": "progress",
+    "CausticDataModule": "datamodule",
     "CausticDataset": "reader",
     "DatasetInfo": "summary",
     "Estimate": "disk_space",
@@ -37,6 +39,7 @@ _HOMES = {
 
 __all__ = [
     "BuildReport",
+    "CausticDataModule",
     "CausticDataset",
     "DatasetInfo",
     "Estimate",

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from torch import nn
 
 from nets.architecture import PRESETS
+from nets.config import DenoiserConfig, UpdaterConfig
 from nets.denoiser import Denoiser
-from nets.family_config import DenoiserConfig, UpdaterConfig
 from nets.modern import DirectNet, UnrolledUpdater
 from nets.modern_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.receptive import receptive_field
