@@ -10,8 +10,8 @@ from cli.comparison.figures import MAX_COLUMNS, Sheets
 from cli.comparison.schedule import Setup
 from cli.comparison.specs import CONVERGED, ONCE
 from cli.comparison.table import MEASURES, Row, by_field, summary, summary_by_folds
-from cli.report.template import page_file, render_page
 from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.page import page_file, render_page
 
 _PACKAGE = "cli.comparison"
 
