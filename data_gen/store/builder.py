@@ -11,20 +11,19 @@ from typing import Literal
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import Field, SamplerFactory
-from data_gen.store.disk_space import estimate
 from data_gen.store.folder import StoredConfig, check_same_origin, load_complete, prepare_folder
-from data_gen.store.layout import Layout
+from data_gen.store.layout import Complete, Layout, Manifest
 from data_gen.store.lock import BuildLock
 from data_gen.store.maker import ShardMaker, Task, usable_cores
-from data_gen.store.manifest import Complete, Manifest
 from data_gen.store.progress import BuildReport, Meter, Progress
-from data_gen.store.publish import make_folder, publish, remove, sweep
 from data_gen.store.shard import Compression
+from data_gen.store.summary import estimate
 from data_gen.store.supervise import Supervisor
 from data_gen.store.verification import Problem, check_shard
 from data_gen.store.worker import WorkerJob
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.io.durable import make_folder, publish, remove, sweep
 from warp_caustics.signals import Restore, answered
 
 Check = Literal["fast", "full"]

@@ -12,7 +12,7 @@ import pytest
 from store_synthetic import factory, make_config, shard_bytes, temporaries
 
 from data_gen.store import CausticDataset, build, verify
-from data_gen.store.manifest import Manifest
+from data_gen.store.layout import Manifest
 
 HERE = Path(__file__).parent
 
