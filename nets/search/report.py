@@ -53,7 +53,7 @@ def write_outputs(folder: Path, study: optuna.Study, search: SearchConfig, *, is
     try:
         lock.acquire()
         trials = study.get_trials(deepcopy=False)
-        CsvTable(folder / TRIALS, (*COLUMNS, *keys(search.kind))).write(rows(trials, search))
+        CsvTable(folder / TRIALS, (*COLUMNS, *keys(search.kind))).write(trial_rows(trials, search))
         winner = best_trial(trials)
         if winner is not None:
             _write(folder / BEST, best_text(winner, search))
@@ -94,7 +94,7 @@ def network_text(trial: FrozenTrial, search: SearchConfig) -> str:
     return f"# Trial {trial.number} of a search: validation loss {trial.value:.9g}.\n" + _yaml({search.kind: numbers})
 
 
-def rows(trials: Sequence[FrozenTrial], search: SearchConfig) -> list[dict[str, Any]]:
+def trial_rows(trials: Sequence[FrozenTrial], search: SearchConfig) -> list[dict[str, Any]]:
     """Of trials.csv, one per trial."""
     again = retried_numbers(list(trials))
     return [

@@ -12,9 +12,8 @@ from typing import Any
 
 import torch
 
-from data_gen.dataset_config import DatasetConfig, sample_generator
-from data_gen.patterns import draw_strokes, padded, perturb_strokes
-from data_gen.reliefs import print_strokes, traits_of
+from data_gen.dataset_config import DatasetConfig
+from data_gen.patterns import padded
 from data_gen.samples import DenoiserSampler, Reliefs, UpdaterSampler
 from nets.glass import possible_heights
 from nets.training.batch import Batch
@@ -31,8 +30,7 @@ class StrokeStream:
     """Reliefs of consecutive batches of samples.
 
     Strokes are drawn on the CPU (tens of microseconds each) while the device
-    works on the batches before, and printed on the device. Same samples as
-    :class:`data_gen.samples.Reliefs`.
+    works on the batches before, and printed on the device.
 
     Args:
         dataset: gives pattern, scene and keys.
@@ -41,8 +39,7 @@ class StrokeStream:
     """
 
     def __init__(self, dataset: DatasetConfig, device: torch.device, *, with_start: bool):
-        self.dataset, self.device, self.with_start = dataset, device, with_start
-        self.fingerprint = dataset.sample_fingerprint()
+        self.source, self.device, self.with_start = Reliefs(dataset, device), device, with_start
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="strokes")
         self._waiting: dict[range, Future[list[torch.Tensor]]] = {}
 
@@ -58,9 +55,8 @@ class StrokeStream:
         for coming in following or []:
             if coming not in self._waiting:
                 self._waiting[coming] = self._pool.submit(self._drawn, coming)
-        pattern, scene = self.dataset.reliefs, self.dataset.scene
         traits, *sets = drawn
-        return [print_strokes(strokes.to(self.device, non_blocking=True), scene, pattern, traits) for strokes in sets]
+        return [self.source.printed(strokes, traits) for strokes in sets]
 
     def close(self) -> None:
         """End the thread."""
@@ -69,17 +65,11 @@ class StrokeStream:
 
     def _drawn(self, ids: range) -> list[torch.Tensor]:
         """Traits, strokes and, where wanted, perturbed strokes."""
-        pattern, key = self.dataset.reliefs, self.fingerprint
-        true = [draw_strokes(pattern, sample_generator(key, "relief", sample)) for sample in ids]
-        sets = [true]
+        sets = [[self.source.strokes(sample) for sample in ids]]
         if self.with_start:
-            sets.append(
-                [
-                    perturb_strokes(strokes, pattern, sample_generator(key, "perturbation", sample))[0]
-                    for strokes, sample in zip(true, ids, strict=True)
-                ]
-            )
-        tensors = [traits_of(self.dataset, key, ids), *(torch.from_numpy(padded(strokes)) for strokes in sets)]
+            pairs = zip(sets[0], ids, strict=True)
+            sets.append([self.source.perturbed_strokes(strokes, sample)[0] for strokes, sample in pairs])
+        tensors = [self.source.traits(ids), *(torch.from_numpy(padded(strokes)) for strokes in sets)]
         return [tensor.pin_memory() for tensor in tensors] if self.device.type == "cuda" else tensors
 
 
