@@ -3,11 +3,12 @@
 python -m benchmarks.plot_training docs/camera_training.png RUN/metrics.csv [RUN/metrics.csv ...]
 """
 
-import csv
 import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+
+from warp_caustics.io.csv_table import CsvTable
 
 COLOURS = {"val_rmse_um": "#D55E00", "val_perfect_rmse_um": "#0072B2"}
 NAMES = {"val_rmse_um": "through cameras", "val_perfect_rmse_um": "perfect images"}
@@ -18,7 +19,7 @@ def main(target: Path, sources: list[Path]) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     begin = 0.0
     for number, source in enumerate(sources):
-        rows = [row for row in csv.DictReader(source.open()) if row["val_rmse_um"]]
+        rows = [row for row in CsvTable(source, ()).read() if row["val_rmse_um"]]
         best = min(range(len(rows)), key=lambda k: float(rows[k]["val_rmse_um"]))
         rows = rows[: best + 1]
         for column, colour in COLOURS.items():

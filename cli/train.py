@@ -175,7 +175,7 @@ def _trained(
     from cli.config import dump_config
     from cli.train_config import RESOLVED
     from cli.train_progress import training_observer
-    from nets.training.fabric import launched
+    from nets.training.devices import launched
     from nets.training.fit import Limits, fit
     from warp_caustics.io.atomic import write_text
 

@@ -42,26 +42,36 @@ class Reliefs:
 
     def true(self, ids: Sequence[int]) -> torch.Tensor:
         """Printed heights [m], shape [len(ids), n, n], float32."""
-        return self._printed([self._strokes(sample) for sample in ids], ids)
+        return self._printed([self.strokes(sample) for sample in ids], ids)
 
     def perturbed(self, ids: Sequence[int]) -> tuple[torch.Tensor, dict[str, np.ndarray[Any, Any]]]:
         """Heights of the perturbed strokes [m], shape [len(ids), n, n], and how many strokes were clamped."""
-        pattern = self.config.reliefs
-        drawn = [
-            perturb_strokes(self._strokes(sample), pattern, sample_generator(self.fingerprint, "perturbation", sample))
-            for sample in ids
-        ]
+        drawn = [self.perturbed_strokes(self.strokes(sample), sample) for sample in ids]
         names = drawn[0][1] if drawn else {}
         counters = {name: np.array([count[name] for _, count in drawn], dtype=np.float64) for name in names}
         return self._printed([strokes for strokes, _ in drawn], ids), counters
 
-    def _strokes(self, sample: int) -> np.ndarray[Any, Any]:
+    def strokes(self, sample: int) -> np.ndarray[Any, Any]:
+        """What is printed for a sample, drawn on the CPU."""
         return draw_strokes(self.config.reliefs, sample_generator(self.fingerprint, "relief", sample))
 
+    def perturbed_strokes(
+        self, strokes: np.ndarray[Any, Any], sample: int
+    ) -> tuple[np.ndarray[Any, Any], dict[str, int]]:
+        """A sample's strokes perturbed, and how many were clamped."""
+        return perturb_strokes(strokes, self.config.reliefs, sample_generator(self.fingerprint, "perturbation", sample))
+
+    def traits(self, ids: Sequence[int]) -> torch.Tensor:
+        """How the samples are printed, on the CPU; see :func:`data_gen.reliefs.traits_of`."""
+        return traits_of(self.config, self.fingerprint, ids)
+
+    def printed(self, strokes: torch.Tensor, traits: torch.Tensor) -> torch.Tensor:
+        """Heights [m], shape [B, n, n], of strokes padded to the same number."""
+        on_device = strokes.to(self.device, non_blocking=True)
+        return print_strokes(on_device, self.config.scene, self.config.reliefs, traits)
+
     def _printed(self, strokes: list[np.ndarray[Any, Any]], ids: Sequence[int]) -> torch.Tensor:
-        batch = torch.from_numpy(padded(strokes)).to(self.device)
-        traits = traits_of(self.config, self.fingerprint, ids)
-        return print_strokes(batch, self.config.scene, self.config.reliefs, traits)
+        return self.printed(torch.from_numpy(padded(strokes)), self.traits(ids))
 
 
 class Images:

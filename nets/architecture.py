@@ -9,10 +9,9 @@ import torch
 from pydantic import Field
 from torch import nn
 
-from nets.config import NetworkConfig
+from nets.config import FAMILY_PRESETS, DenoiserConfig, NetworkConfig, UpdaterConfig
 from nets.denoiser import Denoiser
 from nets.direct_net import DirectNet
-from nets.family_config import FAMILY_PRESETS, DenoiserConfig, UpdaterConfig
 from nets.residual_config import RESIDUAL_PRESETS, DirectConfig, UnrolledConfig
 from nets.unrolled_net import UnrolledUpdater
 from nets.updater import Updater

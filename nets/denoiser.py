@@ -3,8 +3,8 @@
 import torch
 from torch import nn
 
+from nets.config import DenoiserConfig
 from nets.encoding import full_precision
-from nets.family_config import DenoiserConfig
 from nets.unet import ConvBlock, UNet
 from warp_caustics.errors import MismatchError
 

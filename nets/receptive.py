@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nets.architecture import Architecture
-from nets.config import NetworkConfig
+from nets.config import DenoiserConfig, NetworkConfig, UpdaterConfig
 from nets.denoiser import EDGE_KERNEL
-from nets.family_config import DenoiserConfig, UpdaterConfig
 from nets.padding import resolution_ratio
 from nets.residual_config import BackboneConfig
 from nets.unet import MERGE_KERNEL, kernel_margins

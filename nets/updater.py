@@ -6,9 +6,8 @@ import torch
 from torch import nn
 
 from nets.backbone import zeroed
-from nets.config import NetworkConfig
+from nets.config import NetworkConfig, UpdaterConfig
 from nets.encoding import full_precision
-from nets.family_config import UpdaterConfig
 from nets.input_shapes import check_heights, check_image
 from nets.padding import resolution_ratio
 from nets.unet import ConvBlock, UNet

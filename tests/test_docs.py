@@ -243,8 +243,7 @@ def workspace(folder, block):
 
 def tiny_weights(path, scene):
     import nets
-    from nets.config import NetworkConfig
-    from nets.family_config import DenoiserConfig
+    from nets.config import DenoiserConfig, NetworkConfig
 
     path.parent.mkdir(exist_ok=True)
     numbers = NetworkConfig(learning_rate=1e-3, c_init=2, nonlinearity="ReLU", k_down=2, k_up=2, m_s=1, n_s=1)

@@ -4,8 +4,7 @@ import pytest
 import torch
 
 from nets.architecture import build
-from nets.config import NetworkConfig
-from nets.family_config import DenoiserConfig, UpdaterConfig
+from nets.config import DenoiserConfig, NetworkConfig, UpdaterConfig
 from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.weights import save_weights
 from warp_caustics.prints.line import Line, line_relief

@@ -7,11 +7,11 @@ from typing import Any
 
 from cli.comparison.curves import fold_scatter, iteration_curves
 from cli.comparison.figures import MAX_COLUMNS, Sheets
-from cli.report.template import page_file, render_page
 from nets.evaluation.method_spec import CONVERGED, ONCE
 from nets.evaluation.schedule import Setup
 from nets.evaluation.table import MEASURES, Row, by_field, summary, summary_by_folds
 from warp_caustics.io.atomic import write_text
+from warp_caustics.io.page import page_file, render_page
 
 _PACKAGE = "cli.comparison"
 

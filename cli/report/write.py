@@ -39,8 +39,8 @@ def report_text(content: "ReportContent") -> str:
     from cli.report.stages import shown_stages
     from cli.report.summary import VERDICTS, coverage, headline, key_figures
     from cli.report.tables import fibre_rows, file_rows, record_groups, region_rows, scene_rows, wavelength_rows
-    from cli.report.template import inline_script, page_file, render_page
     from warp_caustics.io.json_file import plain
+    from warp_caustics.io.page import inline_script, page_file, render_page
 
     record: dict[str, Any] = plain(content.record)
     scene, found = content.scene, content.inspection

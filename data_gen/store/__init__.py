@@ -9,27 +9,29 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from data_gen.store.builder import build as build
     from data_gen.store.cluster import build_on_cluster as build_on_cluster
-    from data_gen.store.disk_space import Estimate as Estimate
-    from data_gen.store.disk_space import estimate as estimate
+    from data_gen.store.datamodule import CausticDataModule as CausticDataModule
     from data_gen.store.index import write_index as write_index
     from data_gen.store.progress import BuildReport as BuildReport
     from data_gen.store.progress import Progress as Progress
     from data_gen.store.reader import CausticDataset as CausticDataset
     from data_gen.store.summary import DatasetInfo as DatasetInfo
+    from data_gen.store.summary import Estimate as Estimate
+    from data_gen.store.summary import estimate as estimate
     from data_gen.store.summary import info as info
     from data_gen.store.verification import Verification as Verification
     from data_gen.store.verification import verify as verify
 
 _HOMES = {
     "BuildReport": "progress",
+    "CausticDataModule": "datamodule",
     "CausticDataset": "reader",
     "DatasetInfo": "summary",
-    "Estimate": "disk_space",
+    "Estimate": "summary",
     "Progress": "progress",
     "Verification": "verification",
     "build": "builder",
     "build_on_cluster": "cluster",
-    "estimate": "disk_space",
+    "estimate": "summary",
     "info": "summary",
     "verify": "verification",
     "write_index": "index",
@@ -37,6 +39,7 @@ _HOMES = {
 
 __all__ = [
     "BuildReport",
+    "CausticDataModule",
     "CausticDataset",
     "DatasetInfo",
     "Estimate",

@@ -2,31 +2,29 @@
 
 import hashlib
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Literal
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import Field, SamplerFactory
-from data_gen.store.disk_space import estimate
 from data_gen.store.folder import StoredConfig, check_same_origin, load_complete, prepare_folder
-from data_gen.store.layout import Layout
+from data_gen.store.layout import Complete, Layout, Manifest
 from data_gen.store.lock import BuildLock
 from data_gen.store.maker import ShardMaker, Task, usable_cores
-from data_gen.store.manifest import Complete, Manifest
 from data_gen.store.progress import BuildReport, Meter, Progress
-from data_gen.store.publish import make_folder, publish, remove, sweep
 from data_gen.store.shard import Compression
+from data_gen.store.summary import estimate
 from data_gen.store.supervise import Supervisor
 from data_gen.store.verification import Problem, check_shard
 from data_gen.store.worker import WorkerJob
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.io.durable import make_folder, publish, remove, sweep
+from warp_caustics.signals import Restore, answered
 
 Check = Literal["fast", "full"]
 
@@ -65,7 +63,7 @@ def build(
         preflight: refuse to start when the disk cannot hold the data set.
         progress: called with the state after each shard.
         notice: called with one line for each thing that went wrong and was mended.
-        hang_s: a worker without a sign of life for so long is replaced [s].
+        hang_s: a worker without a sign of life for so long is replaced [s]; 60 s at least where it has yet to start.
         shard_timeout_s: so is one that takes longer for a shard [s]; None waits for ever.
 
     Returns:
@@ -287,18 +285,14 @@ def _stored(config: DatasetConfig) -> StoredConfig:
 @contextmanager
 def terminated_as_exit() -> Iterator[None]:
     """SIGTERM ends the build through its clean-up, unless somebody else looks after it."""
-    in_main = threading.current_thread() is threading.main_thread()
-    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+    if signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
 
-    def stop(signum: int, frame: FrameType | None) -> None:
+    def stop(number: int, restore: Restore) -> None:
         # A second one ends the process at once.
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        restore()
         raise SystemExit(143)
 
-    signal.signal(signal.SIGTERM, stop)
-    try:
+    with answered(stop, signal.SIGTERM):
         yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -15,9 +15,8 @@ from typing import Any
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import SamplerFactory
 from data_gen.store.builder import Check, Plan, give_up, open_build, terminated_as_exit
-from data_gen.store.layout import Layout, sha256
+from data_gen.store.layout import Layout, Manifest, read_manifest, sha256
 from data_gen.store.maker import ShardMaker, Task
-from data_gen.store.manifest import Manifest, read_manifest
 from data_gen.store.progress import BuildReport, Progress
 from data_gen.store.shard import Compression
 from data_gen.store.supervise import raise_described

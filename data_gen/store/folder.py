@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from data_gen.dataset_config import DatasetConfig
-from data_gen.store.layout import Layout, canonical_json, sha256
-from data_gen.store.manifest import Complete, Manifest, code_version, read_complete
-from data_gen.store.publish import make_folder, publish
+from data_gen.store.layout import Complete, Layout, Manifest, canonical_json, code_version, read_complete, sha256
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.io.durable import make_folder, publish
 
 _MOST_DIFFERENCES = 8
 

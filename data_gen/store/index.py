@@ -13,11 +13,10 @@ import numpy as np
 
 from data_gen.sampler import Field
 from data_gen.store.folder import StoredConfig, load_complete, open_folder
-from data_gen.store.layout import Layout
-from data_gen.store.manifest import read_manifest
-from data_gen.store.publish import publish
+from data_gen.store.layout import Layout, read_manifest
 from warp_caustics.errors import DamagedDataError, MismatchError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.io.durable import publish
 
 _ID = Field("ids", (), "int64", "", "sample numbers; -1 where the file is missing")
 

@@ -1,15 +1,23 @@
-"""Names in a data set's folder, and the one way JSON is written there."""
+"""What lies in a data set's folder: names, the record beside each shard, and the list that says it is finished.
+
+Records carry a hash of themselves and have one spelling only: a changed bit is
+either seen at once or was never written.
+"""
 
 import hashlib
+import importlib.metadata
 import json
-from dataclasses import dataclass
+import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from data_gen.sampler import Field
+from warp_caustics.errors import DamagedDataError
+
 FORMAT_VERSION = 1
 """Raised whenever an older reader would misread the files."""
-
-TEMPORARY_PREFIX = ".tmp-"
 
 
 @dataclass(frozen=True)
@@ -60,3 +68,184 @@ def canonical_json(tree: Any) -> bytes:
 def sha256(data: bytes | memoryview) -> str:
     """Hash in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What is in a shard.
+
+    Attributes:
+        shard: its number.
+        n_bytes: size of the file.
+        sha256: hash of the file.
+        fingerprint: hash of the data set's configuration.
+        ids: sample numbers in the order of the arrays.
+        samples: field name to one hash per sample, see :func:`data_gen.store.shard.sample_digest`.
+        counters: what the sampler counted, one number per sample.
+        fields: the arrays of a sample.
+        compression: ``"gzip"`` or ``"none"``.
+        device: where it was made: ``"cpu"``, ``"cuda:0"``.
+        code_version: of this package.
+        libraries: versions of what shaped the bytes.
+    """
+
+    shard: int
+    n_bytes: int
+    sha256: str
+    fingerprint: str
+    ids: tuple[int, ...]
+    samples: Mapping[str, tuple[str, ...]]
+    counters: Mapping[str, tuple[float, ...]]
+    fields: tuple[Field, ...]
+    compression: str
+    device: str
+    code_version: str
+    libraries: Mapping[str, str]
+
+    def to_bytes(self) -> bytes:
+        return _sealed(asdict(self))
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> "Manifest":
+        """Read a manifest.
+
+        Raises:
+            DamagedDataError: it is not exactly what :meth:`to_bytes` wrote.
+        """
+        tree = _unsealed(data, "manifest")
+        try:
+            manifest = cls(
+                **{
+                    **tree,
+                    "ids": tuple(tree["ids"]),
+                    "samples": {name: tuple(hashes) for name, hashes in tree["samples"].items()},
+                    "counters": {name: tuple(numbers) for name, numbers in tree["counters"].items()},
+                    "fields": tuple(Field(**{**field, "shape": tuple(field["shape"])}) for field in tree["fields"]),
+                }
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise DamagedDataError(f"manifest has wrong entries ({error})") from error
+        return manifest
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the list: a shard and its manifest."""
+
+    shard: int
+    n_bytes: int
+    sha256: str
+    manifest_sha256: str
+
+
+@dataclass(frozen=True)
+class Complete:
+    """Content of COMPLETE.json.
+
+    Attributes:
+        fingerprint: hash of the configuration.
+        n_samples: all of them.
+        entries: one per shard, in order.
+    """
+
+    fingerprint: str
+    n_samples: int
+    entries: tuple[Entry, ...]
+
+    def to_bytes(self) -> bytes:
+        return _sealed(asdict(self))
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> "Complete":
+        """Read COMPLETE.json.
+
+        Raises:
+            DamagedDataError: it is not exactly what :meth:`to_bytes` wrote.
+        """
+        tree = _unsealed(data, "COMPLETE.json")
+        try:
+            return cls(**{**tree, "entries": tuple(Entry(**entry) for entry in tree["entries"])})
+        except (KeyError, TypeError) as error:
+            raise DamagedDataError(f"COMPLETE.json has wrong entries ({error})") from error
+
+    @classmethod
+    def of(cls, fingerprint: str, manifests: Iterable[Manifest]) -> "Complete":
+        entries, samples = [], 0
+        for manifest in manifests:
+            entries.append(Entry(manifest.shard, manifest.n_bytes, manifest.sha256, sha256(manifest.to_bytes())))
+            samples += len(manifest.ids)
+        return cls(fingerprint, samples, tuple(entries))
+
+
+def read_manifest(path: Path) -> Manifest | None:
+    """The manifest at a path, None where there is none.
+
+    Raises:
+        DamagedDataError: it is there and broken.
+    """
+    try:
+        return Manifest.from_bytes(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise DamagedDataError(f"manifest {str(path)!r} cannot be read ({error.strerror})") from error
+
+
+def read_complete(path: Path) -> Complete | None:
+    """The list at a path, None where the data set is unfinished.
+
+    Raises:
+        DamagedDataError: it is there and broken.
+    """
+    try:
+        return Complete.from_bytes(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise DamagedDataError(f"{str(path)!r} cannot be read ({error.strerror})") from error
+
+
+def code_version() -> str:
+    """Version of this package."""
+    try:
+        return importlib.metadata.version("nsfc")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of what may change a shard's bytes without changing its arrays, and of what makes the arrays."""
+    import zlib
+
+    import h5py
+
+    versions = {"python": platform.python_version(), "zlib": zlib.ZLIB_RUNTIME_VERSION}
+    versions |= {"h5py": h5py.version.version, "hdf5": h5py.version.hdf5_version}
+    for name in ("numpy", "torch", "warp-lang"):
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def _sealed(tree: dict[str, Any]) -> bytes:
+    tree = {"format_version": FORMAT_VERSION, **tree}
+    return canonical_json({**tree, "self_sha256": sha256(canonical_json(tree))})
+
+
+def _unsealed(data: bytes, name: str) -> dict[str, Any]:
+    try:
+        tree = json.loads(data)
+        # One spelling only, so that no change of a byte goes unnoticed.
+        if not isinstance(tree, dict) or canonical_json(tree) != data:
+            raise ValueError("not in canonical form")
+    except (ValueError, RecursionError) as error:
+        raise DamagedDataError(f"{name} is damaged ({str(error)[:80]})") from error
+    seal = tree.pop("self_sha256", "")
+    if seal != sha256(canonical_json(tree)):
+        raise DamagedDataError(f"{name} is damaged (its content does not match its own hash)")
+    version = tree.pop("format_version", None)
+    if version != FORMAT_VERSION:
+        raise DamagedDataError(f"{name} has format version {version!r}, this software reads {FORMAT_VERSION}")
+    return tree

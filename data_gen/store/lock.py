@@ -5,6 +5,12 @@ moment its holder dies, and a lease in the same file for builders on other
 hosts, to whom flock may mean nothing. The holder touches the file every few
 seconds; a lease that nobody touched for the grace time is taken over. Data do
 not depend on this: two builders write the same bytes, the lock only saves work.
+
+The package filelock has both kinds, but not together. Its native lock knows no
+other hosts and no name of the holder. Its SoftFileLease makes a build that is
+resumed watch a dead host's lease for the whole grace time, where the age of the
+file tells at once, and recognises the dead of its own host by their process
+number alone, which means nothing between containers.
 """
 
 import errno
@@ -19,10 +25,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from data_gen.store import syscalls
-from data_gen.store.layout import TEMPORARY_PREFIX
-from data_gen.store.publish import explained, restarted
 from warp_caustics.errors import MismatchError
+from warp_caustics.io import durable
+from warp_caustics.io.durable import TEMPORARY_PREFIX, explained, restarted
 
 BEAT_S = 5.0
 GRACE_S = 60.0
@@ -52,7 +57,7 @@ class BuildLock:
 
     def __enter__(self) -> "BuildLock":
         try:
-            self._descriptor = restarted(lambda: syscalls.CALLS.open(self._path, os.O_RDWR | os.O_CREAT))
+            self._descriptor = restarted(lambda: durable.CALLS.open(self._path, os.O_RDWR | os.O_CREAT))
             try:
                 self._acquire()
             except BaseException:
@@ -110,7 +115,7 @@ class BuildLock:
         data = json.dumps({"host": self._host, "pid": os.getpid(), "nonce": self._nonce}).encode()
         os.ftruncate(self._descriptor, 0)
         os.lseek(self._descriptor, 0, os.SEEK_SET)
-        restarted(lambda: syscalls.CALLS.write(self._descriptor, memoryview(data)))
+        restarted(lambda: durable.CALLS.write(self._descriptor, memoryview(data)))
         if lease is not None or not locked:
             # Two may have found the same dead lease; the one that wrote last stays.
             time.sleep(_SETTLE_S)

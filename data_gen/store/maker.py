@@ -7,11 +7,18 @@ from typing import Any
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import SampleBatch, Sampler
-from data_gen.store.layout import Layout, canonical_json, sha256
-from data_gen.store.manifest import Manifest, code_version, library_versions, read_manifest
-from data_gen.store.publish import publish
+from data_gen.store.layout import (
+    Layout,
+    Manifest,
+    canonical_json,
+    code_version,
+    library_versions,
+    read_manifest,
+    sha256,
+)
 from data_gen.store.shard import Compression, check_fields, encode_shard
 from warp_caustics.errors import DamagedDataError, MismatchError
+from warp_caustics.io.durable import publish
 
 
 @dataclass(frozen=True)

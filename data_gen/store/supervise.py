@@ -2,15 +2,14 @@
 
 import contextlib
 import json
-import multiprocessing
 import os
 import pickle
-import signal
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
 from typing import Any, NoReturn
 
 from data_gen.sampler import Field
@@ -18,12 +17,15 @@ from data_gen.store.maker import Task
 from data_gen.store.progress import Meter
 from data_gen.store.worker import PUBLISHERS, WorkerJob, run_worker
 from warp_caustics import errors
+from warp_caustics.child_process import cause_of_death, end_child, start_child
 from warp_caustics.errors import CausticsError, InputError, MismatchError, ResourceError
 
 DEPTH = 1 + PUBLISHERS
 """Shards in a worker's hands: one being drawn, the others being written."""
 MOST_DEATHS = 3
 """A shard during which so many workers died is given up."""
+START_S = 60.0
+"""A worker that has yet to load its libraries is silent; on a busy machine for long."""
 _POLL_S = 0.25
 
 
@@ -35,9 +37,11 @@ class WorkerError(CausticsError):
 class _Worker:
     number: int
     device: str
-    process: Any
+    process: SpawnProcess
     connection: Connection
     last_seen: float
+    heard: bool = False
+    """It has given a sign of life."""
     ready: bool = False
     tasks: dict[int, Task] = field(default_factory=dict)
     """Handed out and not done."""
@@ -57,7 +61,7 @@ class Supervisor:
         meter: told about finished shards and deaths.
         samples_of: number of samples of a shard.
         fields: called with the sampler's fields before the first shard is handed out.
-        hang_s: a worker without a sign of life for so long is killed [s].
+        hang_s: a worker without a sign of life for so long is killed [s]; before its first one it has START_S.
         shard_timeout_s: a shard that takes longer has its worker killed [s]; None waits for ever.
         idle: called several times a second.
     """
@@ -84,7 +88,6 @@ class Supervisor:
         self._deaths_at_start = 0
         self._fields: tuple[Field, ...] | None = None
         self._workers: list[_Worker] = []
-        self._context = multiprocessing.get_context("spawn")
 
     def run(self) -> dict[int, list[str]]:
         """Make all shards.
@@ -107,18 +110,9 @@ class Supervisor:
         return {shard: deaths for shard, deaths in self._deaths.items() if len(deaths) >= MOST_DEATHS}
 
     def _spawn(self, number: int, device: str) -> _Worker:
-        mine, its = self._context.Pipe()
         job = replace(self._job, device=device, parent=os.getpid())
-        process = self._context.Process(target=run_worker, args=(its, job), name=f"nsfc-worker-{number}")
-        # Until the worker ignores Ctrl-C itself: the mask is inherited.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            # With the parent's copy closed, the worker's death ends the pipe.
-            its.close()
-        return _Worker(number, device, process, mine, time.monotonic())
+        process, connection = start_child(f"nsfc-worker-{number}", run_worker, job)
+        return _Worker(number, device, process, connection, time.monotonic())
 
     def _hand_out(self) -> None:
         for worker in self._workers:
@@ -148,7 +142,7 @@ class Supervisor:
                 self._bury(worker, None)
 
     def _receive(self, worker: _Worker, message: dict[str, Any]) -> None:
-        worker.last_seen = time.monotonic()
+        worker.last_seen, worker.heard = time.monotonic(), True
         event = message["event"]
         if event == "beat":
             return
@@ -180,8 +174,9 @@ class Supervisor:
     def _look_for_hangs(self) -> None:
         now = time.monotonic()
         for worker in list(self._workers):
-            if now - worker.last_seen > self._hang_s:
-                self._bury(worker, f"gave no sign of life for {self._hang_s:g} s")
+            limit = self._hang_s if worker.heard else max(self._hang_s, START_S)
+            if now - worker.last_seen > limit:
+                self._bury(worker, f"gave no sign of life for {limit:g} s")
             elif self._is_overdue(worker, now):
                 self._bury(worker, f"took longer than {self._shard_timeout_s:g} s")
 
@@ -194,8 +189,8 @@ class Supervisor:
     def _bury(self, worker: _Worker, why: str | None) -> None:
         """A worker is dead, or as good as dead: blame the shards it was at, give all its work to others."""
         # A worker that closed its pipe is about to die: wait for it to say of what.
-        _kill(worker, patience_s=1.0 if why is None else 0.0)
-        why = why or _cause_of_death(worker.process.exitcode)
+        end_child(worker.process, worker.connection, patience_s=1.0 if why is None else 0.0)
+        why = why or cause_of_death(worker.process.exitcode)
         self._workers.remove(worker)
         who = f"worker {worker.number} (process {worker.process.pid}, {worker.device})"
         if not worker.ready:
@@ -234,7 +229,7 @@ class Supervisor:
         for worker in self._workers:
             worker.process.kill()
         for worker in self._workers:
-            _kill(worker)
+            end_child(worker.process, worker.connection)
 
 
 def raise_described(message: Mapping[str, Any], shard: int | None) -> NoReturn:
@@ -242,22 +237,6 @@ def raise_described(message: Mapping[str, Any], shard: int | None) -> NoReturn:
     kind = getattr(errors, message["kind"], WorkerError)
     text = message["text"]
     raise kind(text if shard is None or f"shard {shard}" in text else f"shard {shard}: {text}")
-
-
-def _kill(worker: _Worker, patience_s: float = 0.0) -> None:
-    worker.process.join(timeout=patience_s)
-    worker.process.kill()
-    worker.process.join()
-    worker.connection.close()
-
-
-def _cause_of_death(exitcode: int | None) -> str:
-    if exitcode is not None and exitcode < 0:
-        try:
-            return f"died of {signal.Signals(-exitcode).name}"
-        except ValueError:
-            return f"died of signal {-exitcode}"
-    return f"ended with exit code {exitcode}"
 
 
 def _require_picklable(job: WorkerJob) -> None:

@@ -1,19 +1,18 @@
 """Is a data set what it claims to be? Names every shard that is not, with the reason."""
 
-import hashlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 from data_gen.store.folder import StoredConfig, load_complete, open_folder
-from data_gen.store.layout import TEMPORARY_PREFIX, Layout, sha256
-from data_gen.store.manifest import Complete, Entry, Manifest, read_manifest
+from data_gen.store.layout import Complete, Entry, Layout, Manifest, read_manifest, sha256
 from data_gen.store.shard import identity
 from warp_caustics.errors import DamagedDataError
 from warp_caustics.io.atomic import PathLike
+from warp_caustics.io.durable import TEMPORARY_PREFIX
+from warp_caustics.io.hashes import file_sha256
 
-_READ_BYTES = 4 * 2**20
 _HEAD_BYTES = 64 * 2**10
 
 
@@ -134,7 +133,7 @@ def check_shard(
     if entry is not None and sha256(manifest.to_bytes()) != entry.manifest_sha256:
         if problem is None and full:
             problem = Problem(shard, "stale", "file and manifest are another version than COMPLETE.json lists")
-        elif problem is None or _sha256_of_file(path) == entry.sha256:
+        elif problem is None or _is(path, entry.sha256):
             problem = Problem(shard, "stale", "the manifest is another version than COMPLETE.json lists")
     return manifest, problem
 
@@ -147,7 +146,9 @@ def _check_file(path: Path, manifest: Manifest, full: bool) -> Problem | None:
             return Problem(shard, "damaged", "it is no regular file")
         if size == manifest.n_bytes and not full:
             return None
-        head, found = _head_and_hash(path)
+        found = file_sha256(path)
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
     except FileNotFoundError:
         return Problem(shard, "missing", "its manifest is there, the file is not")
     except OSError as error:
@@ -165,20 +166,11 @@ def _check_file(path: Path, manifest: Manifest, full: bool) -> Problem | None:
     return Problem(shard, "damaged", f"sha256 is {found[:12]} instead of {manifest.sha256[:12]}")
 
 
-def _head_and_hash(path: Path) -> tuple[bytes, str]:
-    digest, head = hashlib.sha256(), b""
-    with path.open("rb") as file:
-        while part := file.read(_READ_BYTES):
-            head = head or part[:_HEAD_BYTES]
-            digest.update(part)
-    return head, digest.hexdigest()
-
-
-def _sha256_of_file(path: Path) -> str:
+def _is(path: Path, digest: str) -> bool:
     try:
-        return _head_and_hash(path)[1]
+        return file_sha256(path) == digest
     except OSError:
-        return ""
+        return False
 
 
 def _strangers(layout: Layout, config: StoredConfig) -> Iterator[Problem]:

@@ -23,6 +23,7 @@ from data_gen.sampler import SampleBatch, SamplerFactory
 from data_gen.store.layout import Layout
 from data_gen.store.maker import ShardMaker, Task
 from data_gen.store.shard import Compression
+from warp_caustics.child_process import leave_ctrl_c_to_parent
 from warp_caustics.errors import CausticsError, ResourceError
 from warp_caustics.io.atomic import reason
 
@@ -50,9 +51,7 @@ class WorkerJob:
 def run_worker(connection: Connection, job: WorkerJob) -> None:
     """Entry point of the process."""
     _die_with_parent(job.parent)
-    # Ctrl-C reaches the whole foreground group; the parent decides what becomes of its workers.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    leave_ctrl_c_to_parent()
     line = _Line(connection)
     threading.Thread(target=line.beat, name="beat", daemon=True).start()
     try:

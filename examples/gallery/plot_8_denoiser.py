@@ -14,8 +14,7 @@ import torch
 import nets
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.samples import DenoiserSampler
-from nets.config import NetworkConfig
-from nets.family_config import DenoiserConfig
+from nets.config import DenoiserConfig, NetworkConfig
 from warp_caustics import Scene
 
 torch.manual_seed(0)

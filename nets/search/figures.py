@@ -1,4 +1,10 @@
-"""Pictures of a search's report."""
+"""Pictures of a search's report.
+
+Optuna has such figures too (``optuna.visualization.matplotlib``). They leave out
+pruned trials, half of all here, do not tell complete from pruned ones in the
+learning curves, name each of hundreds of curves in a legend, and change
+matplotlib's style for the whole program. Its importances are used, its bars not.
+"""
 
 import io
 import math

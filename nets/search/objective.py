@@ -13,10 +13,11 @@ from nets.architecture import parameter_count
 from nets.search.config import SearchConfig, trial_run
 from nets.search.signals import StoppedError, check_stopped
 from nets.search.space import suggested
-from nets.training.fabric import launched
+from nets.training.batch import Batch, Source
+from nets.training.devices import launched
 from nets.training.fit import FINAL_SECONDS, Limits, fit
 from nets.training.progress import DivergedError, TrainingProgress
-from nets.training.sources import Batch, Source, make_source
+from nets.training.sources import make_source
 from warp_caustics.errors import InputError
 
 Objective = Callable[[optuna.Trial], float]

@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -24,6 +24,7 @@ from nets.search.signals import check_stopped, signals_wait
 from nets.search.study import Address, abandon, count, open_study
 from nets.search.worker import Goal, Worker
 from nets.training.keys import step_seed
+from warp_caustics.child_process import cause_of_death, end_child, leave_ctrl_c_to_parent, start_child
 from warp_caustics.errors import CausticsError, ResourceError
 
 POLL_S = 0.3
@@ -65,7 +66,6 @@ class _Slot:
     pipe: Connection | None = None
     idle_deaths: int = 0
     problem: str = ""
-    codes: list[int | None] = field(default_factory=list)
 
 
 def run_here(plan: Plan, device: str, show: Callable[[optuna.Study], None]) -> None:
@@ -161,20 +161,15 @@ def _work(plan: Plan, slot: int, device: str, name: str, show: Callable[[optuna.
 
 
 def _start(plan: Plan, slot: _Slot) -> None:
-    context = multiprocessing.get_context("spawn")  # CUDA does not survive a fork
     slot.name = _worker_name(slot.number)
-    slot.pipe, theirs = context.Pipe(duplex=False)
-    arguments = (plan, slot.number, slot.device, slot.name, theirs)
-    slot.process = context.Process(target=_child, args=arguments, name=f"search-{slot.number}")
-    slot.process.start()
-    theirs.close()
+    arguments = (plan, slot.number, slot.device, slot.name)
+    slot.process, slot.pipe = start_child(f"search-{slot.number}", _child, *arguments)
 
 
 def _ended(plan: Plan, slot: _Slot, study: optuna.Study) -> None:
     """Clear up after a process, and start the next one where there is work."""
     assert slot.process is not None and slot.pipe is not None
     code, slot.process = slot.process.exitcode, None
-    slot.codes.append(code)
     told = ""
     with contextlib.suppress(EOFError, OSError):  # it was killed
         told = slot.pipe.recv() if slot.pipe.poll() else ""
@@ -183,7 +178,7 @@ def _ended(plan: Plan, slot: _Slot, study: optuna.Study) -> None:
     if code == 0:
         return
     trials = study.get_trials(deepcopy=False)
-    slot.problem = told or f"worker {slot.number} died with exit code {code}"
+    slot.problem = told or f"worker {slot.number} {cause_of_death(code)}"
     has_begun = any(trial.user_attrs.get("worker") == slot.name for trial in trials)
     slot.idle_deaths = 0 if has_begun else slot.idle_deaths + 1
     is_hopeless = slot.idle_deaths >= MAX_IDLE_DEATHS or (told and code != ResourceError.exit_code)
@@ -198,20 +193,18 @@ def _stop(slots: list[_Slot], study: optuna.Study) -> None:
         slot.process.terminate()
     deadline = time.monotonic() + STOP_WAIT_S
     for slot in alive:
-        assert slot.process is not None
-        slot.process.join(max(0.1, deadline - time.monotonic()))
-        if slot.process.exitcode is None:
-            slot.process.kill()
-            slot.process.join()
+        assert slot.process is not None and slot.pipe is not None
+        end_child(slot.process, slot.pipe, patience_s=max(0.1, deadline - time.monotonic()))
         abandon(study, slot.name)
 
 
 # --------------------------------------------------------------------------- in the child
 
 
-def _child(plan: Plan, slot: int, device: str, name: str, pipe: Connection) -> None:
+def _child(pipe: Connection, plan: Plan, slot: int, device: str, name: str) -> None:
     # Ctrl-C on the terminal is for the parent, which passes it on as SIGTERM.
     os.setpgid(0, 0)
+    leave_ctrl_c_to_parent()
     signal.signal(signal.SIGTERM, _as_interrupt)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:

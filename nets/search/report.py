@@ -6,9 +6,6 @@ twenty times as long, until the search is at its end.
 """
 
 import base64
-import csv
-import html
-import io
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -26,6 +23,8 @@ from nets.search.space import described_ranges, distributions, keys
 from nets.search.study import count, retried_numbers
 from nets.search.worker import FileLock
 from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.csv_table import CsvTable
+from warp_caustics.io.page import render_page
 
 BEST, NETWORK, TRIALS, REPORT = "best.yaml", "network.yaml", "trials.csv", "report.html"
 FILES = (BEST, NETWORK, TRIALS, REPORT)
@@ -54,7 +53,7 @@ def write_outputs(folder: Path, study: optuna.Study, search: SearchConfig, *, is
     try:
         lock.acquire()
         trials = study.get_trials(deepcopy=False)
-        _write(folder / TRIALS, table(trials, search))
+        CsvTable(folder / TRIALS, (*COLUMNS, *keys(search.kind))).write(trial_rows(trials, search))
         winner = best_trial(trials)
         if winner is not None:
             _write(folder / BEST, best_text(winner, search))
@@ -95,29 +94,25 @@ def network_text(trial: FrozenTrial, search: SearchConfig) -> str:
     return f"# Trial {trial.number} of a search: validation loss {trial.value:.9g}.\n" + _yaml({search.kind: numbers})
 
 
-def table(trials: Sequence[FrozenTrial], search: SearchConfig) -> str:
-    """All trials as CSV."""
-    names = keys(search.kind)
-    buffer = io.StringIO()
-    writer = csv.writer(buffer)
-    writer.writerow((*COLUMNS, *names))
+def trial_rows(trials: Sequence[FrozenTrial], search: SearchConfig) -> list[dict[str, Any]]:
+    """Of trials.csv, one per trial."""
     again = retried_numbers(list(trials))
-    for trial in trials:
-        told = trial.user_attrs
-        row = {
+    return [
+        {
             "number": trial.number,
             "state": f"{trial.state.name.lower()}{', retried' if trial.number in again else ''}",
             "loss": "" if trial.value is None else f"{trial.value:.9g}",
             "epochs": len(trial.intermediate_values),
             "seconds": "" if trial.duration is None else f"{trial.duration.total_seconds():.2f}",
-            "parameters": told.get("parameters", ""),
+            "parameters": trial.user_attrs.get("parameters", ""),
             "reason": reason_of(trial, again),
             "retry_of": trial.system_attrs.get("failed_trial", ""),
-            "worker": told.get("worker", ""),
-            "sampler_seed": told.get("sampler_seed", ""),
+            "worker": trial.user_attrs.get("worker", ""),
+            "sampler_seed": trial.user_attrs.get("sampler_seed", ""),
+            **{name: trial.params.get(name, "") for name in keys(search.kind)},
         }
-        writer.writerow([row[name] for name in COLUMNS] + [trial.params.get(name, "") for name in names])
-    return buffer.getvalue()
+        for trial in trials
+    ]
 
 
 def reason_of(trial: FrozenTrial, retried: set[int]) -> str:
@@ -140,43 +135,17 @@ def page(study: optuna.Study, search: SearchConfig) -> str:
         (_importance_caption(shares), bars),
     ]
     done = [trial for trial in trials if trial.state == TrialState.COMPLETE]
-    best = sorted(done, key=lambda trial: (trial.value, trial.number))[:10]
-    names = keys(search.kind)
-    rows = [
-        [
-            str(trial.number),
-            f"{trial.value:.5g}",
-            str(len(trial.intermediate_values)),
-            _count(trial.user_attrs.get("parameters")),
-            *(_shown(trial.params[name]) for name in names),
-            str(trial.user_attrs.get("origin", "")),
-        ]
-        for trial in best
-    ]
-    parts = [
-        f"<h1>Search for a {search.kind}</h1>",
-        f"<p>{html.escape(_setting(search))}</p>",
-        "<h2>Budget</h2>",
-        _html_table(["", ""], [[name, value] for name, value in budget(study).items()]),
-        "<h2>The ten best</h2>",
-        _html_table(["trial", "loss", "epochs", "parameters", *names, ""], rows),
-        *(
-            f"<h2>{html.escape(caption)}</h2><img alt='{html.escape(caption, quote=True)}' "
-            f"src='data:image/png;base64,{base64.b64encode(png).decode()}'>"
-            for caption, png in pictures
-            if png is not None
-        ),
-        "<h2>Ranges (Tab. 2)</h2>",
-        _html_table(["number", "range"], [[name, text] for name, text in described_ranges(search.kind).items()]),
-        f"<details><summary>All settings</summary><pre>{html.escape(search.model_dump_json(indent=1))}</pre></details>",
-    ]
-    style = (
-        "body{font:15px/1.45 sans-serif;max-width:1000px;margin:2em auto;padding:0 1em}"
-        "table{border-collapse:collapse}td,th{padding:.2em .6em;border-bottom:1px solid #ddd;text-align:right}"
-        "img{max-width:100%}pre{overflow:auto}"
+    return render_page(
+        "nets.search",
+        "report.html.j2",
+        search=search,
+        setting=_setting(search),
+        budget=budget(study),
+        names=keys(search.kind),
+        best=sorted(done, key=lambda trial: (trial.value, trial.number))[:10],
+        pictures=[(caption, base64.b64encode(png).decode()) for caption, png in pictures if png is not None],
+        ranges=described_ranges(search.kind),
     )
-    head = f"<meta charset='utf-8'><title>Search for a {search.kind}</title><style>{style}</style>"
-    return f"<!doctype html><html lang='en'><head>{head}</head><body>{''.join(parts)}</body></html>\n"
 
 
 def budget(study: optuna.Study) -> dict[str, str]:
@@ -218,20 +187,6 @@ def _setting(search: SearchConfig) -> str:
 
 def _importance_caption(shares: Mapping[str, float]) -> str:
     return "Importance: " + ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
-
-
-def _html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{body}</table>"
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _count(value: Any) -> str:
-    return f"{value:,}" if isinstance(value, int) else ""
 
 
 def _yaml(tree: Mapping[str, Any]) -> str:

@@ -8,7 +8,8 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+
+from warp_caustics.signals import Restore, answered
 
 
 class StoppedError(KeyboardInterrupt):
@@ -41,20 +42,18 @@ def signals_wait() -> Iterator[None]:
     """Inside, a signal waits for :func:`check_stopped`; a second one is a KeyboardInterrupt at once."""
     global _asked
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield  # of the flag, too, the main thread is the owner
         return
 
-    def note(signum: int, frame: Any) -> None:
+    def note(number: int, restore: Restore) -> None:
         global _asked
         if _asked is not None:
             raise KeyboardInterrupt(_asked)
-        _asked = "terminated" if signum == signal.SIGTERM else "interrupted"
+        _asked = "terminated" if number == signal.SIGTERM else "interrupted"
 
     _asked = None
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        with answered(note, signal.SIGINT, signal.SIGTERM):
+            yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
         _asked = None

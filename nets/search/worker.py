@@ -40,6 +40,8 @@ class Goal:
 class FileLock:
     """Lock between the processes of one machine; a process that dies lets go of it.
 
+    The kernel wakes who waits, in turn; the package filelock looks again every 50 ms, and who looks first wins.
+
     Args:
         path: of a file that is created and stays.
     """

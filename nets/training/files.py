@@ -11,9 +11,9 @@ from torch.utils.data import DataLoader, Sampler
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.store import CausticDataset
+from nets.training.batch import Batch
 from nets.training.config import RunConfig
 from nets.training.keys import step_seed
-from nets.training.sources import Batch
 from warp_caustics.errors import InputError, MismatchError
 
 FIELDS = {

@@ -7,11 +7,8 @@ checkpoint, and then does what it would have done (on the CPU: bit for bit; on
 a GPU the sums of its atomics differ in the last digits).
 """
 
-import contextlib
 import signal
-import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,21 +17,20 @@ from typing import Any
 import torch
 
 from nets.architecture import build
+from nets.training.batch import Batch, Source
 from nets.training.checkpoint import has_checkpoint, newest_checkpoint, remove_unfinished, save_best, save_checkpoint
-from nets.training.clock import Stopwatch
 from nets.training.config import RunConfig
-from nets.training.early_stopping import EarlyStopping
-from nets.training.export import export_weights, load_initial_weights
+from nets.training.devices import Stopwatch, autocast
 from nets.training.keys import step_seed
 from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
-from nets.training.pictures import write_sample
-from nets.training.precision import autocast
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult
-from nets.training.record import RunRecord
-from nets.training.sources import Batch, ReplaySource, Source, make_source
-from nets.training.state import RunState, finite_or_none
+from nets.training.record import RunRecord, write_sample
+from nets.training.sources import ReplaySource, make_source
+from nets.training.state import EarlyStopping, RunState, finite_or_none
 from nets.training.tasks import make_task
+from nets.training.weights import export_weights, load_initial_weights
 from warp_caustics.errors import ResourceError
+from warp_caustics.signals import Restore, answered
 
 AGREE_EVERY_STEPS = 10
 """How often several processes agree on time and on whether to stop."""
@@ -86,7 +82,8 @@ def fit(
     loop = _Loop(config, folder, fabric, observer, limits)
     loop.prepare(resume, source)
     try:
-        with _signals_as_flag(loop):
+        # The step is finished and a checkpoint written; a second signal ends the program at once.
+        with answered(loop.stop, signal.SIGINT, signal.SIGTERM):
             return loop.run()
     finally:
         loop.close()
@@ -172,6 +169,11 @@ class _Loop:
                 )
         if self.is_first:
             self.observer.note(f"pool       {self.training.replay.size} samples, {size:.2f} GiB on {self.device}")
+
+    def stop(self, number: int, restore: Restore) -> None:
+        """A signal asks for the end."""
+        self.signal = number
+        restore()
 
     def close(self) -> None:
         self.source.close()
@@ -370,23 +372,3 @@ class _Loop:
             "best": finite_or_none(state.stopping.best),
         }
         return export_weights(self.folder / "weights.safetensors", state.average.network, self.config, training)
-
-
-@contextlib.contextmanager
-def _signals_as_flag(loop: _Loop) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the loop after its step, with a checkpoint; a second one ends the program at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(signum: int, frame: Any) -> None:
-        loop.signal = signum
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

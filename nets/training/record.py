@@ -1,11 +1,17 @@
-"""What a run writes down: metrics.csv always, TensorBoard where it is installed."""
+"""What a run writes down: metrics.csv and sample pictures always, TensorBoard where it is installed."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from nets.training.task import Sample
 from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.csv_table import CsvTable
+from warp_caustics.scene import Scene
 
 COLUMNS = (
     "step", "epoch", "elapsed_s", "learning_rate", "loss", "samples_per_s", "simulator_share",
@@ -24,20 +30,16 @@ class RunRecord:
     """
 
     def __init__(self, folder: Path, step: int = 0):
-        self.path = folder / "metrics.csv"
-        rows = read_metrics(folder) if self.path.exists() else []
-        with atomic_path(self.path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(row for row in rows if int(row["step"]) <= step)
+        self._table = _metrics(folder)
+        rows = read_metrics(folder) if self._table.path.exists() else []
+        self._table.write(row for row in rows if int(row["step"]) <= step)
         self.warning: str | None = None
         self._board = self._tensorboard(folder, step)
 
     def write(self, step: int, values: dict[str, Any]) -> None:
-        """Add a row; unknown names are refused by the csv module."""
+        """Add a row; unknown names are refused."""
         row = {name: value if not isinstance(value, float) else f"{value:.9g}" for name, value in values.items()}
-        with open(self.path, "a", newline="", encoding="utf-8") as file:
-            csv.DictWriter(file, COLUMNS).writerow({"step": step, **row})
+        self._table.append({"step": step, **row})
         if self._board is not None:
             for name, value in values.items():
                 if isinstance(value, int | float) and math.isfinite(value):
@@ -65,7 +67,64 @@ class RunRecord:
 
 def read_metrics(folder: Path) -> list[dict[str, str]]:
     """Rows of a run's metrics.csv; a last line that was cut off is left out."""
-    with open(folder / "metrics.csv", newline="", encoding="utf-8") as file:
-        text = file.read()
-    whole = text[: text.rfind("\n") + 1].splitlines()
-    return [row for row in csv.DictReader(whole) if None not in row and (row["step"] or "").isdigit()]
+    return [row for row in _metrics(folder).read() if row.get("step", "").isdigit()]
+
+
+def _metrics(folder: Path) -> CsvTable:
+    return CsvTable(folder / "metrics.csv", COLUMNS)
+
+
+BRIGHTEST_PERCENT = 99.5
+"""Irradiance at this percentile is white: focal lines would leave the rest black."""
+
+
+def write_sample(path: Path, sample: Sample, scene: Scene, caption: str) -> npt.NDArray[np.uint8]:
+    """Write a picture of four panels (PNG).
+
+    Args:
+        path: of the file.
+        sample: what to show.
+        scene: gives the size of the plate.
+        caption: line at the top.
+
+    Returns:
+        Its pixels, shape [H, W, 3].
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15.0, 4.2), dpi=80, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    image, truth, answer = (_array(values) for values in (sample.image, sample.truth, sample.answer))
+    factor, unit = (1e6, "um") if sample.is_height else (1.0, "W/m$^2$")
+    grey = image.mean(axis=0) if sample.is_height else image[0]
+    low, white = (0.0, float(np.percentile(grey, BRIGHTEST_PERCENT)) or 1.0)
+    shown = {"vmin": low, "vmax": white, "cmap": "gray"}
+    if sample.is_height:
+        values = {"vmin": float(truth.min()) * factor, "vmax": float(truth.max()) * factor, "cmap": "viridis"}
+    else:
+        values = shown
+    difference = (answer - truth) * factor
+    limit = float(np.percentile(np.abs(difference), BRIGHTEST_PERCENT)) or 1.0
+    panels: tuple[tuple[str, npt.NDArray[Any], dict[str, Any], str], ...] = (
+        ("image", grey, shown, "W/m$^2$"),
+        ("truth", truth * factor, values, unit),
+        ("network", answer * factor, values, unit),
+        ("network - truth", difference, {"vmin": -limit, "vmax": limit, "cmap": "RdBu_r"}, unit),
+    )
+    width, length = (size * 1e3 for size in scene.plate_size_m)
+    for axes, (title, array, options, label) in zip(figure.subplots(1, 4), panels, strict=True):
+        # Row grows with +y.
+        drawn = axes.imshow(array, origin="lower", extent=(-width / 2, width / 2, -length / 2, length / 2), **options)
+        axes.set(title=title, xlabel="x [mm]")
+        figure.colorbar(drawn, ax=axes, label=label, shrink=0.8)
+    figure.suptitle(caption)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary)
+    pixels: Any = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+    return np.asarray(pixels)[..., :3].copy()
+
+
+def _array(values: torch.Tensor) -> npt.NDArray[np.float32]:
+    array: npt.NDArray[np.float32] = values.detach().float().cpu().numpy()
+    return array

@@ -1,132 +1,31 @@
-"""Where batches come from: fresh samples, a pool of them, or files.
+"""Where batches come from: fresh samples, files, or a pool that stays on the device.
 
-A batch is a dictionary of float32 tensors on the device:
-
-=========  ====================================================================
-kind       entries
-=========  ====================================================================
-denoiser   noisy, clean: shape [B, n_w, m, m] [W/m^2]
-updater    heights, start, gradient: [B, n, n]; target, simulated: [B, n_w, m, m]
-direct     image: [B, n_w, m, m]; heights: [B, n, n] [m]
-unrolled   image, heights, start
-=========  ====================================================================
+A pool of the last fresh samples trains on each of them several times; one that
+is filled once and never changes lets many short trainings share its samples.
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 
-from data_gen.samples import Denoiser, DenoiserSampler, Reliefs, UpdaterSampler
-from nets.training.config import LATTICE, RunConfig
-from nets.training.imaging import Imager, VariedImager
-from nets.training.keys import batch_ids, fresh_dataset, step_generator
-from nets.training.own_starts import OwnStarts
-from nets.training.precision import autocast
-from nets.training.strokes import AHEAD, StrokeStream
-from warp_caustics.errors import InputError, MismatchError
-
-Batch = dict[str, torch.Tensor]
-
-IMAGES = {
-    "denoiser": ("noisy", "clean"),
-    "updater": ("target", "simulated"),
-    "direct": ("image",),
-    "unrolled": ("image",),
-}
-"""Entries of a batch that are images."""
-HEIGHT_MAPS = {"denoiser": 0, "updater": 3, "direct": 1, "unrolled": 2}
-"""Entries of a batch that have the shape of the heights."""
+from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source
+from nets.training.config import RunConfig
+from nets.training.files import FileSource
+from nets.training.fresh import FreshSource
+from nets.training.keys import step_generator
+from warp_caustics.errors import InputError
 
 
-class Source(Protocol):
-    """Batches by their number; each is a function of the configuration, its number and the rank."""
-
-    steps_per_epoch: int
-    """Batches until the next validation."""
-
-    def batch(self, step: int) -> Batch:
-        """Batch number ``step``; asked for in rising order."""
-
-    def resume(self, step: int) -> None:
-        """Prepare for ``step`` being the next batch asked for."""
-
-    def validation(self) -> list[Batch]:
-        """The fixed batches that networks are judged by."""
-
-    def close(self) -> None:
-        """Release threads and processes."""
-
-
-class FreshSource:
-    """Samples simulated on the device when they are needed.
-
-    Args:
-        config: the run.
-        device: where.
-        rank: which of the processes.
-        world: how many.
-    """
-
-    def __init__(self, config: RunConfig, device: torch.device, rank: int = 0, world: int = 1):
-        training = config.training
-        self.config, self.device, self.rank, self.world = config, device, rank, world
-        self.size = training.replay.fresh_per_step if training.replay.size else training.batch_size
-        self.steps_per_epoch = training.steps_per_epoch * training.accumulate
-        self._denoiser, self._denoiser_hash = frozen_denoiser(config, device)
-        dataset = fresh_dataset(config, is_validation=False, denoiser=self._denoiser_hash)
-        self._sampler: Any = None
-        self._imager: VariedImager | None = None
-        if config.kind == "denoiser":
-            self._sampler = DenoiserSampler(dataset, device)
-        elif config.kind == "updater":
-            self._sampler = UpdaterSampler(dataset, device, self._denoiser)
-        else:
-            self._imager = VariedImager(config.scene, training.photons, training.seed, device)
-        self.starts = OwnStarts(config, self._sampler, rank) if config.kind == "updater" else None
-        self.with_start = config.kind == "unrolled"
-        self.strokes = StrokeStream(dataset, device, with_start=self.with_start)
-
-    def ids(self, step: int) -> range:
-        """Sample numbers of a batch."""
-        return batch_ids(step, self.rank, self.world, self.size)
-
-    def batch(self, step: int) -> Batch:
-        ids = self.ids(step)
-        if self.starts is not None:
-            return self.starts.fresh(ids, is_flat=self.starts.draws(step)[1])
-        heights, *start = self.strokes.reliefs(ids, [self.ids(step + k) for k in range(1, AHEAD + 1)])
-        if self.config.kind == "denoiser":
-            return {"noisy": self._sampler.noisy(heights, ids), "clean": self._sampler.clean(heights, ids)}
-        assert self._imager is not None
-        batch = {"image": self._imager(heights, step, self.rank), "heights": heights}
-        return {**batch, "start": start[0]} if start else batch
-
-    def resume(self, step: int) -> None:
-        """Nothing to do: a batch depends on its number only."""
-
-    def validation(self) -> list[Batch]:
-        dataset = fresh_dataset(self.config, is_validation=True, denoiser=self._denoiser_hash)
-        count, size = self.config.training.validation.count, self.config.training.batch_size
-        parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
-        if self.config.kind == "updater":
-            updater = UpdaterSampler(dataset, self.device, self._denoiser)
-            return [updater.draw_tensors(ids)[0] for ids in parts]
-        reliefs = Reliefs(dataset, self.device)
-        if self.config.kind == "denoiser":
-            pairs = DenoiserSampler(dataset, self.device)
-            fields = [(ids, reliefs.true(ids)) for ids in parts]
-            return [{"noisy": pairs.noisy(h, ids), "clean": pairs.clean(h, ids)} for ids, h in fields]
-        imager, batches = Imager(self.config.scene, LATTICE, self.device), []
-        for ids in parts:
-            heights = reliefs.true(ids)
-            batches.append({"image": imager(heights), "heights": heights})
-            if self.with_start:
-                batches[-1]["start"] = reliefs.perturbed(ids)[0]
-        return batches
-
-    def close(self) -> None:
-        self.strokes.close()
+def make_source(config: RunConfig, device: torch.device, rank: int = 0, world: int = 1) -> Source:
+    """The source of a run's batches."""
+    if config.training.fixed_samples:
+        own = config.model_copy(update={"training": config.training.model_copy(update={"fixed_samples": 0})})
+        return FixedSource(make_source(own, device, rank, world), config, device, rank)
+    if config.data is not None:
+        return FileSource(config, device, rank, world)
+    fresh = FreshSource(config, device, rank, world)
+    return ReplaySource(fresh, config.training.batch_size) if config.training.replay.size else fresh
 
 
 class ReplaySource:
@@ -216,40 +115,50 @@ class ReplaySource:
         return starts.continued(batch, answers, self.fresh.ids(round_))
 
 
-def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:
-    """The network that denoises simulated images, and its content hash.
+class FixedSource:
+    """The first samples of another source, kept on the device; each step draws a batch of them.
 
-    Raises:
-        MismatchError: the file holds another kind of network.
+    Where samples are slow to make, many short trainings can share them. A
+    network can learn them by heart: the validation samples are others.
+
+    Args:
+        inner: makes the samples.
+        config: the run; gives ``fixed_samples``, the steps of an epoch and the seed.
+        device: where.
+        rank: which of the processes.
     """
-    path = config.training.denoiser_weights
-    if path is None:
-        return None, None
-    from nets.weights import load_weights
 
-    loaded = load_weights(path, map_location=device)
-    if loaded.info.architecture.kind != "denoiser":
-        raise MismatchError(f"{path!r} holds a {loaded.info.architecture.kind} network; give a denoiser")
-    network = loaded.module.requires_grad_(False)
+    def __init__(self, inner: Source, config: RunConfig, device: torch.device, rank: int = 0):
+        self.inner, self.training, self.device, self.rank = inner, config.training, device, rank
+        self.steps_per_epoch = config.training.steps_per_epoch * config.training.accumulate
+        self.pool: Batch = {}
 
-    def denoised(images: torch.Tensor) -> torch.Tensor:
-        with autocast(config.training.precision, device):
-            answer: torch.Tensor = network(images)
-        return answer
+    def batch(self, step: int) -> Batch:
+        self.fill()
+        size, available = self.training.batch_size, self.training.fixed_samples
+        generator = step_generator(self.training.seed, "fixed", step, self.rank, self.device)
+        chosen = torch.randint(available, (size,), generator=generator, device=self.device)
+        return {name: kept[chosen] for name, kept in self.pool.items()}
 
-    return denoised, loaded.info.content_hash
+    def fill(self) -> None:
+        """Make the samples, unless they are there."""
+        if self.pool:
+            return
+        count = self.training.fixed_samples
+        self.inner.resume(0)
+        for number in range(-(-count // self.training.batch_size)):
+            first = number * self.training.batch_size
+            for name, values in self.inner.batch(number).items():
+                if name not in self.pool:
+                    self.pool[name] = values.detach().new_empty((count, *values.shape[1:]))
+                self.pool[name][first : first + len(values)] = values[: count - first].detach()
 
+    def resume(self, step: int) -> None:
+        """Nothing to do: a batch depends on its number only."""
 
-def make_source(config: RunConfig, device: torch.device, rank: int = 0, world: int = 1) -> Source:
-    """The source of a run's batches."""
-    if config.training.fixed_samples:
-        from nets.training.fixed import FixedSource
+    def validation(self) -> list[Batch]:
+        return self.inner.validation()
 
-        own = config.model_copy(update={"training": config.training.model_copy(update={"fixed_samples": 0})})
-        return FixedSource(make_source(own, device, rank, world), config, device, rank)
-    if config.data is not None:
-        from nets.training.files import FileSource
-
-        return FileSource(config, device, rank, world)
-    fresh = FreshSource(config, device, rank, world)
-    return ReplaySource(fresh, config.training.batch_size) if config.training.replay.size else fresh
+    def close(self) -> None:
+        self.inner.close()
+        self.pool = {}

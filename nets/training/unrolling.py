@@ -5,20 +5,19 @@ heights. What the network meets at the second step are then heights of its own
 making, which it has never seen.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 
-from nets.training.clock import Stopwatch
+from nets.training.batch import Batch
 from nets.training.config import RunConfig
+from nets.training.devices import Stopwatch, autocast
 from nets.training.imaging import Imager
 from nets.training.losses import relief_loss, relief_rmse_um
-from nets.training.precision import autocast
-from nets.training.sources import Batch
-from nets.training.tasks import Common, Model, Sample, relief_measures
+from nets.training.task import Common, Model, Sample, relief_measures
+from nets.training.weights import frozen_direct_network
 from nets.unrolled_net import Update
 from nets.unrolling_config import UnrollingConfig
-from warp_caustics.errors import MismatchError
 
 
 class Iterate(NamedTuple):
@@ -59,7 +58,7 @@ class UnrolledTask(Common):
         super().__init__(config, device, rank)
         self.options, self.watch = config.training.unrolling, watch
         self.imager = Imager(config.scene, self.options.photons, device)
-        self.direct = self._direct_network()
+        self.direct = frozen_direct_network(config, device)
 
     def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
         batch = self.turned(batch, step)
@@ -130,14 +129,3 @@ class UnrolledTask(Common):
         with autocast(self.training.precision, self.device):
             heights: torch.Tensor = self.direct(target)
         return heights
-
-    def _direct_network(self) -> Any:
-        if not self.options.start.direct:
-            return None
-        from nets.weights import load_weights
-
-        path = self.options.direct_weights or ""
-        loaded = load_weights(path, scene=self.config.scene, map_location=self.device)
-        if loaded.info.architecture.kind != "direct":
-            raise MismatchError(f"{path!r} holds a {loaded.info.architecture.kind} network; give a direct one")
-        return loaded.module.requires_grad_(False)

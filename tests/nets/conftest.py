@@ -5,8 +5,7 @@ import torch
 from hypothesis import strategies as st
 from torch import nn
 
-from nets.config import RANGES, Choice, NetworkConfig
-from nets.family_config import DenoiserConfig, UpdaterConfig
+from nets.config import RANGES, Choice, DenoiserConfig, NetworkConfig, UpdaterConfig
 from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
 from warp_caustics.scene import Scene
 

@@ -8,9 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nets.architecture import build
-from nets.config import BEST_UPDATER, RANGES, Choice
+from nets.config import BEST_UPDATER, RANGES, Choice, DenoiserConfig, UpdaterConfig
 from nets.denoiser import Denoiser
-from nets.family_config import DenoiserConfig, UpdaterConfig
 from nets.padding import crop_padding, pad_to_multiple
 from nets.receptive import receptive_field
 from nets.unet import ConvBlock, DownBlock, UpBlock

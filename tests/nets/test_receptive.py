@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from torch import nn
 
 from nets.architecture import PRESETS
+from nets.config import DenoiserConfig, UpdaterConfig
 from nets.denoiser import Denoiser
 from nets.direct_net import DirectNet
-from nets.family_config import DenoiserConfig, UpdaterConfig
 from nets.receptive import receptive_field
 from nets.residual_config import BackboneConfig, DirectConfig, UnrolledConfig
 from nets.unrolled_net import UnrolledUpdater

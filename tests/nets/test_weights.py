@@ -10,7 +10,7 @@ import torch
 from hypothesis import HealthCheck, assume, given, settings
 
 from nets.architecture import build
-from nets.family_config import UpdaterConfig
+from nets.config import UpdaterConfig
 from nets.updater import Updater
 from nets.weights import load_weights, save_weights
 from nets.weights_file import ENTRY, MAX_HEADER_BYTES, decode, encode

@@ -9,13 +9,13 @@ systems on which rename is not atomic.
 
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from warp_caustics.errors import InputError, ResourceError
+from warp_caustics.io.durable import settle, temporary_name
 
 PathLike = str | os.PathLike[str]
 
@@ -95,14 +95,6 @@ def _write_target(path: PathLike) -> Path:
     return target
 
 
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
     """Write a file so that it appears complete or not at all.
@@ -120,12 +112,10 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         ResourceError: the disk is full or broken.
     """
     target = _write_target(path)
-    temporary = target.with_name(f".tmp-{secrets.token_hex(8)}{target.suffix[:32]}")
+    temporary = temporary_name(target, target.suffix[:32])
     try:
         yield temporary
-        _sync(temporary)
-        os.replace(temporary, target)
-        _sync(target.parent)
+        settle(temporary, target)
     except OSError as error:
         # HDF5 reports a full disk in its message only, without the error number.
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) or "No space left" in str(error):

@@ -7,7 +7,7 @@ from cli.report.arrays import finite_range, packed, reduced
 from cli.report.colours import DEVIATION, HEIGHT, UNCERTAINTY, palette
 from cli.report.frame import log_ticks, plate_frame
 from cli.report.number import number
-from cli.report.template import inline_script
+from warp_caustics.io.page import inline_script
 
 
 @pytest.mark.parametrize(

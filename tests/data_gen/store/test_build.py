@@ -9,8 +9,7 @@ from data_gen import dataset_config
 from data_gen.config import Perturbation, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.store import CausticDataset, build, verify
-from data_gen.store.layout import Layout, canonical_json
-from data_gen.store.manifest import Manifest, read_manifest
+from data_gen.store.layout import Layout, Manifest, canonical_json, read_manifest
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.scene import Scene
 

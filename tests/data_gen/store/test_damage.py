@@ -8,8 +8,7 @@ import pytest
 from store_synthetic import factory, make_config, shard_bytes
 
 from data_gen.store import CausticDataset, build, verify
-from data_gen.store.layout import Layout
-from data_gen.store.manifest import Manifest
+from data_gen.store.layout import Layout, Manifest
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 
 CONFIG = make_config(n_samples=12)

@@ -7,47 +7,78 @@ import re
 import resource
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import pytest
 from store_synthetic import factory, make_config, shard_bytes, temporaries
 
-from data_gen.store import build, syscalls, verify
-from data_gen.store.layout import Layout, sha256
-from data_gen.store.manifest import Complete, Manifest
-from data_gen.store.publish import publish
-from data_gen.store.syscalls import SystemCalls
+from data_gen.store import build, verify
+from data_gen.store.layout import Complete, Layout, Manifest, sha256
 from warp_caustics.errors import CausticsError, DamagedDataError, InputError, ResourceError
+from warp_caustics.io import durable
+from warp_caustics.io.durable import TEMPORARY_PREFIX, SystemCalls, publish
 
 HERE = Path(__file__).parent
 CONFIG = make_config(n_samples=4, samples_per_shard=2)
 CALLS = ("open", "write", "read", "fsync", "close", "replace", "mkdir")
 
 
+MENDED = {
+    ("fsync", "written file"),
+    ("fsync", "folder after replace"),
+    ("close", "written file"),
+    ("close", "folder after replace"),
+    ("open", "folder after replace"),
+}
+"""Calls, and what on, after whose EIO a file is written again; all others are reported."""
+
+
 class Faulty(SystemCalls):
-    """Fails the k-th call of a name, counted from 1; all later ones too if asked."""
+    """Fails the k-th call of a name, counted from 1; all later ones too if asked. Notes what it failed on first."""
 
     def __init__(self, name, k, code, for_ever=False):
         self.name, self.k, self.code, self.for_ever = name, k, code, for_ever
-        self.count = self.failed = 0
+        self.count, self.failed_on = 0, None
+        self.subjects, self.last_change = {}, "nothing"
 
-    def __getattribute__(self, name):
-        call = super().__getattribute__(name)
-        if name != super().__getattribute__("name"):
-            return call
+    def _done(self, name, subject, call):
+        if name != self.name:
+            return call()
+        self.count += 1
+        if self.count < self.k or (self.count > self.k and not self.for_ever):
+            return call()
+        self.failed_on = self.failed_on or subject
+        if name == "close":
+            # As Linux does: the descriptor is gone even if close reports an error.
+            call()
+        raise OSError(self.code, os.strerror(self.code))
 
-        def counted(*arguments):
-            self.count += 1
-            if self.count == self.k or (self.for_ever and self.count > self.k):
-                self.failed += 1
-                if name == "close":
-                    # As Linux does: the descriptor is gone even if close reports an error.
-                    call(*arguments)
-                raise OSError(self.code, os.strerror(self.code))
-            return call(*arguments)
+    def open(self, path, flags):
+        is_written = flags & os.O_CREAT and path.name != ".lock"
+        kind = f"folder after {self.last_change}" if path.is_dir() else "written file" if is_written else "other file"
+        descriptor = self._done("open", kind, lambda: SystemCalls.open(self, path, flags))
+        self.subjects[descriptor] = kind
+        return descriptor
 
-        return counted
+    def write(self, descriptor, data):
+        return self._done("write", self.subjects[descriptor], lambda: SystemCalls.write(self, descriptor, data))
+
+    def read(self, descriptor, count):
+        return self._done("read", self.subjects[descriptor], lambda: SystemCalls.read(self, descriptor, count))
+
+    def fsync(self, descriptor):
+        return self._done("fsync", self.subjects[descriptor], lambda: SystemCalls.fsync(self, descriptor))
+
+    def close(self, descriptor):
+        return self._done("close", self.subjects[descriptor], lambda: SystemCalls.close(self, descriptor))
+
+    def replace(self, source, target):
+        self.last_change = "replace"
+        return self._done("replace", "file", lambda: SystemCalls.replace(self, source, target))
+
+    def mkdir(self, path):
+        self.last_change = "mkdir"
+        return self._done("mkdir", "folder", lambda: SystemCalls.mkdir(self, path))
 
 
 def everything(folder):
@@ -71,34 +102,39 @@ def assert_published_right(folder, whole):
 
 
 def fail_each_call(monkeypatch, folder, name, code, for_ever=False):
-    """Fails the first, second ... call until a build does not get that far. Returns how many, and what came out."""
+    """Fails the first, second ... call until a build does not get that far.
+
+    Returns:
+        What came out and what the call was on, of each.
+    """
     whole_folder = folder.with_name("whole")
     build(whole_folder, CONFIG, factory())
-    whole, outcomes = everything(whole_folder), Counter()
+    whole, found = everything(whole_folder), []
     for k in range(1, 200):
         place = folder.with_name(f"{name}-{k}")
         descriptors = len(os.listdir("/proc/self/fd"))
         calls = Faulty(name, k, code, for_ever)
-        monkeypatch.setattr(syscalls, "CALLS", calls)
+        monkeypatch.setattr(durable, "CALLS", calls)
         try:
             build(place, CONFIG, factory())
-            outcomes["finished"] += 1
+            outcome = "finished"
         except CausticsError as error:
-            outcomes[type(error).__name__] += 1
+            outcome = type(error).__name__
             assert len(str(error).splitlines()) == 1
             assert "run the same command again to resume" in str(error), error
             if isinstance(error, ResourceError):
                 assert error.exit_code == 6 and str(place) in str(error)
                 assert "bytes needed" in str(error) and "free" in str(error)
         finally:
-            monkeypatch.setattr(syscalls, "CALLS", SystemCalls())
+            monkeypatch.setattr(durable, "CALLS", SystemCalls())
         assert len(os.listdir("/proc/self/fd")) == descriptors, "a file stayed open"
         assert_published_right(place, whole)
         assert not temporaries(place)
-        if not calls.failed:
-            assert everything(place) == whole
-            outcomes["finished"] -= 1
-            return k - 1, +outcomes
+        assert outcome != "finished" or everything(place) == whole
+        if calls.failed_on is None:
+            assert outcome == "finished"
+            return found
+        found.append((outcome, calls.failed_on))
         build(place, CONFIG, factory())
         assert everything(place) == whole
     raise AssertionError("no end")
@@ -106,41 +142,43 @@ def fail_each_call(monkeypatch, folder, name, code, for_ever=False):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_full_disk_at_every_call(monkeypatch, folder, name):
-    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.ENOSPC)
-    assert points >= 2 and outcomes == {"ResourceError": points}
+    found = fail_each_call(monkeypatch, folder, name, errno.ENOSPC)
+    assert {outcome for outcome, _ in found} == {"ResourceError"}
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_disk_error_at_every_call(monkeypatch, folder, name):
-    """One EIO of fsync or close is mended by writing the file again, all others are reported."""
-    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.EIO)
-    assert points >= 2
-    # Files are config.json, two shards with manifests and COMPLETE.json: each is synced and closed, and so is its folder,
-    # which has to be opened for that. Two more fsyncs belong to new folders.
-    mended = {"fsync": 12, "close": 12, "open": 6}.get(name, 0)
-    assert outcomes["ResourceError"] == points - mended and outcomes["finished"] == mended
-    assert name != "fsync" or points == 14
+    """One EIO of fsync or close, of a published file and of its folder, is mended by writing the file again."""
+    found = fail_each_call(monkeypatch, folder, name, errno.EIO)
+    for outcome, subject in found:
+        assert outcome == ("finished" if (name, subject) in MENDED else "ResourceError"), subject
+    # All that can be mended was tried, and so was what cannot: new folders, the lock, files that are read back.
+    assert {(name, subject) for outcome, subject in found if outcome == "finished"} == {
+        pair for pair in MENDED if pair[0] == name
+    }
+    assert any(outcome == "ResourceError" for outcome, _ in found)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CALLS)
 @pytest.mark.parametrize("code", [errno.EDQUOT, errno.EXDEV])
 def test_other_errors_at_every_call(monkeypatch, folder, name, code):
-    points, outcomes = fail_each_call(monkeypatch, folder, name, code)
+    found = fail_each_call(monkeypatch, folder, name, code)
     expected = "ResourceError" if code == errno.EDQUOT else "CausticsError"
-    assert points >= 2 and outcomes == {expected: points}
+    assert {outcome for outcome, _ in found} == {expected}
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_interruptions_are_invisible(monkeypatch, folder, name):
-    points, outcomes = fail_each_call(monkeypatch, folder, name, errno.EINTR)
-    assert points >= 2 and outcomes == {"finished": points}
+    found = fail_each_call(monkeypatch, folder, name, errno.EINTR)
+    assert {outcome for outcome, _ in found} == {"finished"}
 
 
 @pytest.mark.parametrize(("name", "code"), [("write", errno.ENOSPC), ("fsync", errno.EIO), ("close", errno.EDQUOT)])
 def test_disk_that_stays_broken_from_every_call_on(monkeypatch, folder, name, code):
-    points, outcomes = fail_each_call(monkeypatch, folder, name, code, for_ever=True)
-    assert points >= 6 and outcomes == {"ResourceError": points}
+    found = fail_each_call(monkeypatch, folder, name, code, for_ever=True)
+    assert {outcome for outcome, _ in found} == {"ResourceError"}
+    assert "written file" in {subject for _, subject in found}
 
 
 def test_short_writes(monkeypatch, tmp_path):
@@ -151,7 +189,7 @@ def test_short_writes(monkeypatch, tmp_path):
             self.calls += 1
             return super().write(descriptor, data[: 1 + len(data) // 3])
 
-    monkeypatch.setattr(syscalls, "CALLS", short := Short())
+    monkeypatch.setattr(durable, "CALLS", short := Short())
     data = os.urandom(100_000)
     publish(tmp_path / "file", data)
     assert (tmp_path / "file").read_bytes() == data and short.calls > 10
@@ -159,21 +197,26 @@ def test_short_writes(monkeypatch, tmp_path):
 
 def test_failed_fsync_is_followed_by_a_new_file(monkeypatch, tmp_path):
     """The kernel forgets pages it could not write: a second fsync of the same file says all is well."""
-    log = []
+    failed, synced, renamed = [], [], []
 
     class Forgetful(SystemCalls):
-        def open(self, path, flags):
-            log.append("open" if path.name.startswith(".tmp") else "folder")
-            return super().open(path, flags)
-
         def fsync(self, descriptor):
-            log.append("fsync")
-            if log.count("fsync") == 1:
+            path = os.readlink(f"/proc/self/fd/{descriptor}")
+            if not failed:
+                failed.append(path)
                 raise OSError(errno.EIO, "Input/output error")
+            synced.append(path)
 
-    monkeypatch.setattr(syscalls, "CALLS", Forgetful())
+        def replace(self, source, target):
+            renamed.append((str(source), list(synced)))
+            super().replace(source, target)
+
+    monkeypatch.setattr(durable, "CALLS", Forgetful())
     publish(tmp_path / "file", b"content")
-    assert log == ["open", "fsync", "open", "fsync", "folder", "fsync"]
+    assert os.path.basename(failed[0]).startswith(TEMPORARY_PREFIX) and failed[0] not in synced
+    # The file that took the name was on the disk before, and its name is there now.
+    ((source, before),) = renamed
+    assert source in before and synced[-1] == str(tmp_path)
 
 
 @pytest.mark.parametrize("times", [1, 2])
@@ -185,7 +228,7 @@ def test_disk_that_returns_other_bytes_is_noticed_where_files_are_read_back(monk
             self.left -= 1
             return super().write(descriptor, memoryview(bytes(len(data))) if self.left >= 0 else data)
 
-    monkeypatch.setattr(syscalls, "CALLS", Lying())
+    monkeypatch.setattr(durable, "CALLS", Lying())
     if times == 1:
         publish(tmp_path / "file", b"content", reread=True)
         assert (tmp_path / "file").read_bytes() == b"content"
@@ -194,7 +237,7 @@ def test_disk_that_returns_other_bytes_is_noticed_where_files_are_read_back(monk
             publish(tmp_path / "file", b"content", reread=True)
         assert list(tmp_path.iterdir()) == []
     # Control: without reading back nobody notices.
-    monkeypatch.setattr(syscalls, "CALLS", Lying())
+    monkeypatch.setattr(durable, "CALLS", Lying())
     publish(tmp_path / "other", b"content")
     assert (tmp_path / "other").read_bytes() == bytes(7)
 
@@ -207,13 +250,13 @@ def test_lost_answer_of_a_rename(monkeypatch, tmp_path):
             super().replace(source, target)
             super().replace(source, target)
 
-    monkeypatch.setattr(syscalls, "CALLS", Repeating())
+    monkeypatch.setattr(durable, "CALLS", Repeating())
     publish(tmp_path / "file", b"content")
     assert (tmp_path / "file").read_bytes() == b"content"
 
 
 def test_folder_without_permission(monkeypatch, folder):
-    monkeypatch.setattr(syscalls, "CALLS", Faulty("open", 1, errno.EACCES))
+    monkeypatch.setattr(durable, "CALLS", Faulty("open", 1, errno.EACCES))
     with pytest.raises(InputError, match="choose a folder that this user may write"):
         build(folder, CONFIG, factory())
 
@@ -355,9 +398,9 @@ def violations(state, layout):
 
 
 def recorded_build(monkeypatch, folder, syncs):
-    monkeypatch.setattr(syscalls, "CALLS", recorder := Recorder(syncs))
+    monkeypatch.setattr(durable, "CALLS", recorder := Recorder(syncs))
     build(folder, CONFIG, factory())
-    monkeypatch.setattr(syscalls, "CALLS", SystemCalls())
+    monkeypatch.setattr(durable, "CALLS", SystemCalls())
     return recorder.log
 
 

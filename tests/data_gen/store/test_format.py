@@ -13,8 +13,7 @@ from store_synthetic import FIELDS, SyntheticSampler, factory, make_config, shar
 
 from data_gen.sampler import Field, SampleBatch
 from data_gen.store import build, estimate, info, write_index
-from data_gen.store.layout import Layout
-from data_gen.store.manifest import Complete, Manifest, read_manifest
+from data_gen.store.layout import Complete, Layout, Manifest, read_manifest
 from data_gen.store.shard import check_fields, encode_shard, sample_digest
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError, ResourceError
 
@@ -243,13 +242,13 @@ def test_build_that_the_disk_cannot_hold_is_refused(folder, monkeypatch):
 
 
 def set_free(monkeypatch, free):
-    from data_gen.store import disk_space
+    from data_gen.store import summary
 
     class Usage:
         def __init__(self):
             self.free = free
 
-    monkeypatch.setattr(disk_space.shutil, "disk_usage", lambda path: Usage())
+    monkeypatch.setattr(summary.shutil, "disk_usage", lambda path: Usage())
 
 
 def test_info_sums_up(reference):

@@ -14,8 +14,7 @@ from store_synthetic import SyntheticSampler, factory, make_config
 from torch.utils.data import DataLoader
 
 from data_gen.store import CausticDataset, build, write_index
-from data_gen.store.layout import Layout, sha256
-from data_gen.store.manifest import Manifest
+from data_gen.store.layout import Layout, Manifest, sha256
 from data_gen.store.reader import is_validation
 from warp_caustics.errors import DamagedDataError, InputError
 

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -41,14 +40,11 @@ def test_death_of_a_worker_costs_nothing_but_time(folder, reference, tmp_path, e
     expected, limits = ENDS[end]
     seen = []
     sampler = factory(trouble=end, at=17, once=str(tmp_path / "once"))
-    build(
-        folder, make_config(), sampler, workers=2, notice=lambda text: seen.append((time.monotonic(), text)), **limits
-    )
-    died = (tmp_path / "once").stat().st_mtime
+    build(folder, make_config(), sampler, workers=2, notice=seen.append, **limits)
     assert shard_bytes(folder) == shard_bytes(reference) and not temporaries(folder)
-    blamed = [text for _, text in seen if "at shard 4; made again (1 of 3)" in text]
+    # The cause tells how the parent learned of it: of a death at once through the pipe, not after a silence of 60 s.
+    blamed = [text for text in seen if "at shard 4; made again (1 of 3)" in text]
     assert len(blamed) == 1 and expected in blamed[0], seen
-    assert seen[0][0] + time.time() - time.monotonic() - died < 10
     assert children() == []
 
 

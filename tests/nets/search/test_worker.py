@@ -8,7 +8,7 @@ import pytest
 import torch
 from optuna.trial import TrialState
 
-from nets.search.report import best_trial, table
+from nets.search.report import best_trial, trial_rows
 from nets.search.signals import StoppedError
 from nets.search.study import count, open_study
 from nets.search.worker import MAX_FAILURES
@@ -61,8 +61,8 @@ def test_an_interrupted_trial_is_failed_and_queued_again(work, where, tiny_searc
     assert study.trials[1].user_attrs["reason"] == (str(stop) or "interrupted")
     study = work(Scripted(2.0), 2)
     assert study.trials[2].value == 2.0 and study.trials[2].params == study.trials[1].params
-    rows = table(study.trials, tiny_search()).splitlines()
-    assert "fail, retried" in rows[2] and rows[3].split(",")[7] == "1"
+    rows = trial_rows(study.trials, tiny_search())
+    assert rows[1]["state"] == "fail, retried" and rows[2]["retry_of"] == 1
 
 
 def test_an_interrupt_between_trials_queues_nothing(work, where, tiny_search, tmp_path, monkeypatch):

@@ -71,7 +71,7 @@ def watcher():
 
 @pytest.fixture(scope="session")
 def fabric():
-    from nets.training.fabric import launched
+    from nets.training.devices import launched
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from nets.training.early_stopping import EarlyStopping
+from nets.training.state import EarlyStopping
 
 NAN, INF = math.nan, math.inf
 TABLE = {

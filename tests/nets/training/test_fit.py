@@ -1,19 +1,19 @@
 """Training end to end, seconds on a CPU."""
 
 import math
-import time
 
 import pytest
 import torch
 
+import nets.training.fit as fit_module
 from nets.symmetries import transformed
-from nets.training.clock import Stopwatch
+from nets.training.devices import Stopwatch
+from nets.training.fresh import FreshSource
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
 from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
-from nets.training.pictures import write_sample
-from nets.training.record import read_metrics
-from nets.training.sources import FreshSource
-from nets.training.tasks import Sample, make_task
+from nets.training.record import read_metrics, write_sample
+from nets.training.task import Sample
+from nets.training.tasks import make_task
 from nets.training.unrolling import UnrolledTask, unrolled_steps
 from nets.unrolling_config import UnrollingConfig
 from nets.weights import load_weights
@@ -101,20 +101,41 @@ def test_early_stopping_ends_the_run(tiny_run, train, tmp_path, monkeypatch):
     assert (result.stop_reason, result.step, result.best) == ("early_stopping", 5, 1.0)
 
 
-def test_a_deadline_ends_the_command_and_defines_the_run(tiny_run, train, tmp_path, monkeypatch):
+class Clock:
+    now_s = 1000.0
+
+    def monotonic(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Time of which every step takes a tenth of a second: no test depends on the speed of its machine."""
+    clock, step = Clock(), fit_module._Loop._step
+
+    def slow_step(loop):
+        step(loop)
+        clock.now_s += 0.1
+
+    monkeypatch.setattr(fit_module, "time", clock)
+    monkeypatch.setattr(fit_module._Loop, "_step", slow_step)
+    return clock
+
+
+def test_a_deadline_ends_the_command_and_defines_the_run(tiny_run, train, tmp_path, monkeypatch, clock):
     monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
     config = tiny_run("direct", total_steps=None, schedule="cosine", log_every_steps=1)
-    result = train(config, tmp_path / "run", deadline=time.monotonic() + 3)
-    assert result.stop_reason == "finished" and result.step > 1
+    result = train(config, tmp_path / "run", deadline=clock.now_s + 3)
+    assert result.stop_reason == "finished" and 29 <= result.step <= 31
     rates = [float(row["learning_rate"]) for row in read_metrics(tmp_path / "run") if row["learning_rate"]]
     assert rates == sorted(rates, reverse=True) and rates[-1] < 0.3 * rates[0]
 
 
-def test_a_deadline_leaves_a_run_of_given_length_unfinished(tiny_run, train, tmp_path, monkeypatch):
+def test_a_deadline_leaves_a_run_of_given_length_unfinished(tiny_run, train, tmp_path, monkeypatch, clock):
     monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
     config = tiny_run("direct", total_steps=10**6)
-    result = train(config, tmp_path / "run", deadline=time.monotonic() + 2)
-    assert result.stop_reason == "max_time" and result.step < 10**6
+    result = train(config, tmp_path / "run", deadline=clock.now_s + 2)
+    assert result.stop_reason == "max_time" and 19 <= result.step <= 21
 
 
 def test_a_loss_that_is_no_number_is_an_error(tiny_run, train, tmp_path, monkeypatch):

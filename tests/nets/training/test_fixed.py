@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from nets.training.fit import Limits, fit
-from nets.training.fixed import FixedSource
-from nets.training.sources import FreshSource, make_source
+from nets.training.fresh import FreshSource
+from nets.training.sources import FixedSource, make_source
 
 CPU = torch.device("cpu")
 

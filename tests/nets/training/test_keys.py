@@ -5,9 +5,9 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.samples import Reliefs
+from nets.training.fresh import FreshSource, StrokeStream
 from nets.training.keys import batch_ids, fresh_dataset, step_seed
-from nets.training.sources import FreshSource, ReplaySource
-from nets.training.strokes import StrokeStream
+from nets.training.sources import ReplaySource
 
 CPU = torch.device("cpu")
 

@@ -4,8 +4,9 @@ import pydantic
 import pytest
 import torch
 
+from nets.training.batch import HEIGHT_MAPS, IMAGES
 from nets.training.config import RunConfig
-from nets.training.sources import HEIGHT_MAPS, IMAGES, make_source
+from nets.training.sources import make_source
 
 CPU = torch.device("cpu")
 

@@ -1,4 +1,4 @@
-"""From a run to a weights file, and back."""
+"""Weights files that a run begins with, uses or writes."""
 
 from pathlib import Path
 from typing import Any
@@ -6,10 +6,11 @@ from typing import Any
 import torch
 from torch import nn
 
+from data_gen.samples import Denoiser
 from nets.direct_net import DirectNet
 from nets.training.config import RunConfig
+from nets.training.devices import autocast
 from nets.training.keys import fresh_dataset
-from nets.training.sources import frozen_denoiser
 from nets.unrolled_net import UnrolledUpdater, warm_start
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
@@ -74,3 +75,45 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
             "choose its preset, or leave out --initial-weights"
         )
     network.load_state_dict(loaded.module.state_dict())
+
+
+def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:
+    """The network that denoises simulated images, and its content hash.
+
+    Raises:
+        MismatchError: the file holds another kind of network.
+    """
+    path = config.training.denoiser_weights
+    if path is None:
+        return None, None
+    from nets.weights import load_weights
+
+    loaded = load_weights(path, map_location=device)
+    if loaded.info.architecture.kind != "denoiser":
+        raise MismatchError(f"{path!r} holds a {loaded.info.architecture.kind} network; give a denoiser")
+    network = loaded.module.requires_grad_(False)
+
+    def denoised(images: torch.Tensor) -> torch.Tensor:
+        with autocast(config.training.precision, device):
+            answer: torch.Tensor = network(images)
+        return answer
+
+    return denoised, loaded.info.content_hash
+
+
+def frozen_direct_network(config: RunConfig, device: torch.device) -> Any:
+    """The network whose answers unrolled training starts from; None where it starts from none.
+
+    Raises:
+        MismatchError: the file holds another kind of network, or one for another scene.
+    """
+    options = config.training.unrolling
+    if not options.start.direct:
+        return None
+    from nets.weights import load_weights
+
+    path = options.direct_weights or ""
+    loaded = load_weights(path, scene=config.scene, map_location=device)
+    if loaded.info.architecture.kind != "direct":
+        raise MismatchError(f"{path!r} holds a {loaded.info.architecture.kind} network; give a direct one")
+    return loaded.module.requires_grad_(False)

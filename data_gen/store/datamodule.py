@@ -1,4 +1,4 @@
-"""A built data set for PyTorch Lightning; ``nsfc train`` reads it without Lightning's trainer."""
+"""A built data set for trainings with PyTorch Lightning; ``nsfc train`` reads files without its trainer."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import lightning
 from torch.utils.data import DataLoader
 
-from data_gen.store import CausticDataset
+from data_gen.store.reader import CausticDataset
 from warp_caustics.io.atomic import PathLike
 
 

@@ -5,8 +5,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import make_sampler
-from data_gen.store import build
-from nets.datamodule import CausticDataModule
+from data_gen.store import CausticDataModule, build
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 

@@ -1,4 +1,4 @@
-"""Files that appear whole, durable and checked, or not at all.
+"""Files that appear whole, durable and checked, or not at all; each step can be made to fail by tests.
 
 Order of one publication: temporary file (O_EXCL), write, fsync, close, for some
 files read back and compare, rename, fsync of the folder. What survives a crash
@@ -15,10 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from data_gen.store import syscalls
-from data_gen.store.layout import TEMPORARY_PREFIX
 from warp_caustics.errors import CausticsError, InputError, ResourceError
-from warp_caustics.io.atomic import reason
+
+TEMPORARY_PREFIX = ".tmp-"
 
 _WRITE_BYTES = 16 * 2**20
 _DISK = {
@@ -34,6 +33,37 @@ _DISK = {
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 T = TypeVar("T")
+
+
+class SystemCalls:
+    """Thin names for what :mod:`os` does, in one replaceable object: tests make each of them fail in turn."""
+
+    def open(self, path: Path, flags: int) -> int:
+        return os.open(path, flags | os.O_CLOEXEC, 0o666)
+
+    def write(self, descriptor: int, data: memoryview) -> int:
+        return os.write(descriptor, data)
+
+    def read(self, descriptor: int, count: int) -> bytes:
+        return os.read(descriptor, count)
+
+    def fsync(self, descriptor: int) -> None:
+        os.fsync(descriptor)
+
+    def close(self, descriptor: int) -> None:
+        os.close(descriptor)
+
+    def replace(self, source: Path, target: Path) -> None:
+        os.replace(source, target)
+
+    def unlink(self, path: Path) -> None:
+        os.unlink(path)
+
+    def mkdir(self, path: Path) -> None:
+        os.mkdir(path)
+
+
+CALLS = SystemCalls()
 
 
 class _Unreliable(OSError):
@@ -64,11 +94,31 @@ def publish(target: Path, data: bytes | memoryview, *, reread: bool = False) -> 
         raise explained(error, target, len(view)) from error
 
 
+def settle(temporary: Path, target: Path) -> None:
+    """Give a file that somebody has written its name, durably.
+
+    Raises:
+        OSError: the disk is full or broken; ``target`` may be the old or the new file.
+    """
+    descriptor = restarted(lambda: CALLS.open(temporary, os.O_RDONLY))
+    try:
+        restarted(lambda: CALLS.fsync(descriptor))
+    finally:
+        _close(descriptor)
+    restarted(lambda: CALLS.replace(temporary, target))
+    _sync_folder(target.parent)
+
+
+def temporary_name(target: Path, suffix: str = "") -> Path:
+    """A name beside a file's own that nobody else uses."""
+    return target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}")
+
+
 def remove(path: Path) -> None:
     """Remove a file if it is there, durably."""
     try:
         with suppress(FileNotFoundError):
-            syscalls.CALLS.unlink(path)
+            CALLS.unlink(path)
         _sync_folder(path.parent)
     except OSError as error:
         raise explained(error, path, 0) from error
@@ -78,7 +128,7 @@ def make_folder(path: Path) -> None:
     """Make a folder if it is missing, durably; its parent must exist."""
     try:
         try:
-            restarted(lambda: syscalls.CALLS.mkdir(path))
+            restarted(lambda: CALLS.mkdir(path))
         except FileExistsError:
             if not path.is_dir():
                 raise InputError(f"{str(path)!r} is a file; give a folder") from None
@@ -101,7 +151,7 @@ def sweep(*folders: Path) -> None:
 
 def explained(error: OSError, path: Path, needed: int) -> Exception:
     """The error a person can act on."""
-    text = f"cannot write {str(path)!r} ({error.strerror or reason(error)}"
+    text = f"cannot write {str(path)!r} ({error.strerror or error}"
     if error.errno in _DENIED:
         return InputError(f"{text}); choose a folder that this user may write")
     if isinstance(error, _Unreliable) or error.errno in _DISK:
@@ -121,7 +171,7 @@ def _free_bytes(path: Path) -> int:
 
 
 def _publish_once(target: Path, view: memoryview, reread: bool) -> None:
-    temporary = target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}")
+    temporary = temporary_name(target)
     try:
         _write(temporary, view)
         if reread and not _holds(temporary, view):
@@ -140,7 +190,7 @@ def _publish_once(target: Path, view: memoryview, reread: bool) -> None:
 
 
 def _write(temporary: Path, view: memoryview) -> None:
-    calls = syscalls.CALLS
+    calls = CALLS
     descriptor = restarted(lambda: calls.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
     try:
         while view:
@@ -160,11 +210,11 @@ def _write(temporary: Path, view: memoryview) -> None:
 def _close(descriptor: int) -> None:
     # Linux has closed the descriptor even where it reports an interruption, and the data are on the disk by now.
     with suppress(InterruptedError):
-        syscalls.CALLS.close(descriptor)
+        CALLS.close(descriptor)
 
 
 def _holds(path: Path, view: memoryview) -> bool:
-    calls = syscalls.CALLS
+    calls = CALLS
     digest = hashlib.sha256()
     descriptor = restarted(lambda: calls.open(path, os.O_RDONLY))
     try:
@@ -180,7 +230,7 @@ def _holds(path: Path, view: memoryview) -> bool:
 
 def _rename(temporary: Path, target: Path, view: memoryview) -> None:
     try:
-        restarted(lambda: syscalls.CALLS.replace(temporary, target))
+        restarted(lambda: CALLS.replace(temporary, target))
     except OSError:
         # A network file system may lose the answer to a rename it has made.
         if os.path.lexists(temporary) or not target.is_file() or not _holds(target, view):
@@ -188,9 +238,9 @@ def _rename(temporary: Path, target: Path, view: memoryview) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    descriptor = restarted(lambda: syscalls.CALLS.open(folder, os.O_RDONLY))
+    descriptor = restarted(lambda: CALLS.open(folder, os.O_RDONLY))
     try:
-        restarted(lambda: syscalls.CALLS.fsync(descriptor))
+        restarted(lambda: CALLS.fsync(descriptor))
     finally:
         _close(descriptor)
 

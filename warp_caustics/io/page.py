@@ -1,4 +1,4 @@
-"""Templates of pages: one style, everything inside, nothing that could be taken for markup."""
+"""Pages for people (HTML): one style, everything inside, nothing that could be taken for markup."""
 
 from importlib import resources
 from typing import Any
@@ -24,7 +24,7 @@ def render_page(package: str, name: str, **values: Any) -> str:
     # As they come: legends and buttons keep the order in which things were listed.
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters["figure"] = lambda value: "" if value is None else f"{value:.4g}"
-    return environment.get_template(name).render(style=page_file("cli.report", "style.css"), **values)
+    return environment.get_template(name).render(style=page_file("warp_caustics.io", "style.css"), **values)
 
 
 def page_file(package: str, name: str) -> str:

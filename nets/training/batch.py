@@ -1,0 +1,48 @@
+"""What a batch is, and what makes batches.
+
+A batch is a dictionary of float32 tensors on the device:
+
+=========  ====================================================================
+kind       entries
+=========  ====================================================================
+denoiser   noisy, clean: shape [B, n_w, m, m] [W/m^2]
+updater    heights, start, gradient: [B, n, n]; target, simulated: [B, n_w, m, m]
+direct     image: [B, n_w, m, m]; heights: [B, n, n] [m]
+unrolled   image, heights, start
+=========  ====================================================================
+"""
+
+from typing import Protocol
+
+import torch
+
+Batch = dict[str, torch.Tensor]
+
+IMAGES = {
+    "denoiser": ("noisy", "clean"),
+    "updater": ("target", "simulated"),
+    "direct": ("image",),
+    "unrolled": ("image",),
+}
+"""Entries of a batch that are images."""
+HEIGHT_MAPS = {"denoiser": 0, "updater": 3, "direct": 1, "unrolled": 2}
+"""Entries of a batch that have the shape of the heights."""
+
+
+class Source(Protocol):
+    """Batches by their number; each is a function of the configuration, its number and the rank."""
+
+    steps_per_epoch: int
+    """Batches until the next validation."""
+
+    def batch(self, step: int) -> Batch:
+        """Batch number ``step``; asked for in rising order."""
+
+    def resume(self, step: int) -> None:
+        """Prepare for ``step`` being the next batch asked for."""
+
+    def validation(self) -> list[Batch]:
+        """The fixed batches that networks are judged by."""
+
+    def close(self) -> None:
+        """Release threads and processes."""

@@ -1,0 +1,71 @@
+"""Tables and logs as CSV: fixed columns, whole or absent, readable after a crash."""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from warp_caustics.errors import DamagedDataError
+from warp_caustics.io.atomic import PathLike, atomic_path, reason
+
+
+class CsvTable:
+    """A CSV file (UTF-8) with a line of column names.
+
+    Args:
+        path: of the file.
+        columns: names, in order.
+        line_end: of each line; RFC 4180 asks for CR LF.
+    """
+
+    def __init__(self, path: PathLike, columns: Sequence[str], *, line_end: str = "\r\n") -> None:
+        self.path, self.columns, self._line_end = Path(path), tuple(columns), line_end
+
+    def write(self, rows: Iterable[Mapping[str, Any]] = ()) -> None:
+        """Replace the file, complete or not at all; cells that a row leaves out are empty.
+
+        Raises:
+            ValueError: a row has a column that the table has not.
+            InputError: the folder is missing or not writable.
+            ResourceError: the disk is full or broken.
+        """
+        with atomic_path(self.path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+            writer = self._writer(file)
+            writer.writeheader()
+            writer.writerows(rows)
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add a line to a file that :meth:`write` began; a crash may cut it off.
+
+        Raises:
+            ValueError: the row has a column that the table has not.
+        """
+        with open(self.path, "a", newline="", encoding="utf-8") as file:
+            self._writer(file).writerow(row)
+
+    def read(self, *, is_exact: bool = False) -> list[dict[str, str]]:
+        """Rows of the file by its own column names; lines with too few or too many cells were cut off and are left out.
+
+        Args:
+            is_exact: refuse a file whose columns are not those of the table.
+
+        Raises:
+            FileNotFoundError: there is none.
+            DamagedDataError: it is no such table.
+        """
+        name = repr(str(self.path))
+        try:
+            with open(self.path, newline="", encoding="utf-8") as file:
+                reader = csv.reader(file)
+                header = next(reader, [])
+                rows = [dict(zip(header, line, strict=True)) for line in reader if len(line) == len(header)]
+        except FileNotFoundError:
+            raise
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise DamagedDataError(f"{name} cannot be read ({reason(error)}); move it away") from error
+        if is_exact and tuple(header) != self.columns:
+            raise DamagedDataError(f"{name} has other columns than this version writes; move it away")
+        return rows
+
+    def _writer(self, file: Any) -> "csv.DictWriter[str]":
+        return csv.DictWriter(file, self.columns, lineterminator=self._line_end)
