@@ -3,7 +3,6 @@
 import ast
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 ORDER = ("warp_caustics", "data_gen", "nets", "cli")
 HEAVY = {"torch", "warp", "numpy", "scipy", "matplotlib", "h5py", "skimage", "trimesh", "tifffile", "pydantic", "yaml"}
+
+MANY_MODULES = 400
+"""Help pages load about 265 modules in a tenth of a second; torch alone would bring 1,100 and take a second."""
 
 
 def imported_packages(source):
@@ -70,22 +72,19 @@ def test_kernels_know_nothing_of_torch():
 def test_help_loads_nothing_heavy(arguments):
     code = (
         "import sys; from cli.main import main; code = main(sys.argv[1:]);"
-        f"print('HEAVY', sorted({HEAVY!r} & set(sys.modules))); sys.exit(code)"
+        f"print('HEAVY', sorted({HEAVY!r} & set(sys.modules)), len(sys.modules)); sys.exit(code)"
     )
     run = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "Usage: nsfc" in run.stdout
-    assert run.stdout.splitlines()[-1] == "HEAVY []"
+    mark, heavy, modules = run.stdout.splitlines()[-1].split()
+    assert (mark, heavy) == ("HEAVY", "[]")
+    assert int(modules) < MANY_MODULES
 
 
-def test_help_is_quick():
-    """Loose, because test machines are busy: 0.1 s where nothing else runs; torch alone would take 1 s."""
-    best = 9.9
-    for _ in range(3):
-        start = time.perf_counter()
-        subprocess.run([Path(sys.executable).with_name("nsfc"), "--help"], check=True, capture_output=True)
-        best = min(best, time.perf_counter() - start)
-    assert best < 2.0
+def test_the_installed_command_answers():
+    run = subprocess.run([Path(sys.executable).with_name("nsfc"), "--help"], capture_output=True, text=True)
+    assert run.returncode == 0 and "Usage: nsfc" in run.stdout
 
 
 def test_package_imports_lazily():
