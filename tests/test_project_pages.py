@@ -1,4 +1,4 @@
-"""docs/architecture.md names files that are there, and the contributor's guide, too."""
+"""Architecture page, glossary and the guide for contributors name files that are there; citation and hooks are right."""
 
 import re
 import tomllib
@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[1]
-PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("docs/architecture.md", "CONTRIBUTING.md")}
+NAMES = ("docs/architecture.md", "docs/glossary.md", "CONTRIBUTING.md")
+PAGES = {name: (ROOT / name).read_text(encoding="utf-8") for name in NAMES}
 PATH = re.compile(r"`((?:\.?[\w-]+/)[\w./-]*|[\w-]+\.(?:py|toml|md|cff|yaml)|Makefile)`")
 
 
