@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 CONSTRAINTS ?= constraints/ci-cpu.txt
+WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
@@ -35,8 +36,8 @@ lint: $(STAMP) ## check style
 types: $(STAMP) ## check types
 	$(BIN)/mypy
 
-pytest: $(STAMP) ## tests only
-	$(BIN)/python -m pytest
+pytest: $(STAMP) ## tests only, on all cores (WORKERS=2 on two)
+	$(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist worksteal
 
 docs: $(STAMP) ## build the documentation into build/docs, examples included; any warning fails
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet $(DOCS_OPTIONS) docs build/docs

@@ -15,6 +15,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
 TEST_FIELDS = 10
+"""How many test fields there are."""
 NOISE_STD = 0.01
 """Standard deviation of the noise, relative to the light through a flat plate."""
 

@@ -1,8 +1,14 @@
 """Fixtures that several test packages share."""
 
+import os
+
 import pytest
 
 from warp_caustics.scene import Scene
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Tests run on all cores already; threads of several workers would wait for each other. Before torch is imported.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 def pytest_addoption(parser):

@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -52,9 +51,9 @@ def test_python_example_runs():
     """At a quarter of its resolution, to be quick."""
     (example,) = re.findall(r"```python\n(.*?)```", README, re.S)
     assert "image_pixels=256" in example
-    example = example.replace("image_pixels=256", "image_pixels=64") + "assert heights.grad.abs().max() > 0"
-    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
+    names = {}
+    exec(compile(example.replace("image_pixels=256", "image_pixels=64"), "README.md", "exec"), names)
+    assert names["heights"].grad.abs().max() > 0
 
 
 @pytest.mark.parametrize("script", [".ci/run"])

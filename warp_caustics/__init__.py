@@ -1,21 +1,60 @@
 """Caustics of printed glass plates: simulation, exact gradients, reconstruction.
 
-Names are imported on first use, so that ``import warp_caustics`` stays cheap.
+These names are the public ones, imported on first use. Methods by name, those
+without networks too, are made by :func:`nets.create`.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from warp_caustics.front_door import front_door
 
 if TYPE_CHECKING:
+    from warp_caustics.design.designer import Designer as Designer
+    from warp_caustics.errors import CausticsError as CausticsError
+    from warp_caustics.errors import DamagedDataError as DamagedDataError
+    from warp_caustics.errors import InputError as InputError
+    from warp_caustics.errors import MismatchError as MismatchError
+    from warp_caustics.errors import ResourceError as ResourceError
+    from warp_caustics.inspection.judge import judge_plate as judge_plate
+    from warp_caustics.inspection.nominal import Nominal as Nominal
+    from warp_caustics.io.heights import read_heights as read_heights
+    from warp_caustics.io.heights import write_heights as write_heights
+    from warp_caustics.io.images import read_image as read_image
+    from warp_caustics.io.images import write_image as write_image
+    from warp_caustics.metrics import height_errors as height_errors
+    from warp_caustics.prints.line import Line as Line
+    from warp_caustics.prints.line import line_relief as line_relief
+    from warp_caustics.prints.line_list import read_lines as read_lines
+    from warp_caustics.prints.line_list import write_lines as write_lines
+    from warp_caustics.reconstruct.base import CausticImage as CausticImage
+    from warp_caustics.reconstruct.base import Reconstruction as Reconstruction
     from warp_caustics.scene import Scene as Scene
     from warp_caustics.simulator import CausticSimulator as CausticSimulator
 
-_HOMES = {"Scene": "warp_caustics.scene", "CausticSimulator": "warp_caustics.simulator"}
+_HOMES = {
+    "CausticImage": "warp_caustics.reconstruct.base",
+    "CausticSimulator": "warp_caustics.simulator",
+    "CausticsError": "warp_caustics.errors",
+    "DamagedDataError": "warp_caustics.errors",
+    "Designer": "warp_caustics.design.designer",
+    "InputError": "warp_caustics.errors",
+    "Line": "warp_caustics.prints.line",
+    "MismatchError": "warp_caustics.errors",
+    "Nominal": "warp_caustics.inspection.nominal",
+    "Reconstruction": "warp_caustics.reconstruct.base",
+    "ResourceError": "warp_caustics.errors",
+    "Scene": "warp_caustics.scene",
+    "height_errors": "warp_caustics.metrics",
+    "judge_plate": "warp_caustics.inspection.judge",
+    "line_relief": "warp_caustics.prints.line",
+    "read_heights": "warp_caustics.io.heights",
+    "read_image": "warp_caustics.io.images",
+    "read_lines": "warp_caustics.prints.line_list",
+    "write_heights": "warp_caustics.io.heights",
+    "write_image": "warp_caustics.io.images",
+    "write_lines": "warp_caustics.prints.line_list",
+}
 
-__all__ = ["CausticSimulator", "Scene"]
+__all__ = [*_HOMES]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = front_door(__name__, _HOMES)

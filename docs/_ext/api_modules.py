@@ -2,8 +2,13 @@
 
 Packages below it have pages of their own. Modules whose name begins with an
 underscore are left out, and so are Warp kernels, which Python cannot describe.
+
+``{front-door} PACKAGE`` becomes a table of the names in the package's
+``__all__``, each with the first sentence of its docstring and a link to the
+module that defines it.
 """
 
+import inspect
 import pkgutil
 import re
 from importlib import import_module
@@ -11,10 +16,12 @@ from typing import Any
 
 from pydantic import BaseModel
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
 
 logger = logging.getLogger(__name__)
 LINE = re.compile(r"^\{api-modules\} ([\w.]+)$", re.M)
+DOOR = re.compile(r"^\{front-door\} ([\w.]+)$", re.M)
 
 
 def modules_of(package: str) -> list[str]:
@@ -30,6 +37,34 @@ def markdown_of(package: str) -> str:
     return "\n".join(section.format(name) for name in modules_of(package))
 
 
+def home_of(package: str, name: str) -> str:
+    """The module that defines a public name of a package."""
+    homes: dict[str, str] = import_module(package)._HOMES
+    return homes[name]
+
+
+def first_sentence(package: str, name: str) -> str:
+    """What a public name is, by its docstring; empty where it has none."""
+    public = getattr(import_module(package), name)
+    if inspect.isclass(public) or inspect.isroutine(public):
+        # Not that of a parent class.
+        text = inspect.cleandoc(public.__doc__ or "")
+    else:
+        text = "\n".join(ModuleAnalyzer.for_module(home_of(package, name)).find_attr_docs().get(("", name), []))
+    paragraph = " ".join(text.split("\n\n")[0].split())
+    sentence = re.split(r"(?<=[.]) (?=[A-Z])", paragraph)[0].rstrip(".")
+    return re.sub(r":\w+:`~?(?:[\w.]*\.)?(\w+)`", r"`\1`", sentence.replace("``", "`")).replace("|", "\\|")
+
+
+def table_of(package: str) -> str:
+    """The public names of a package as Markdown: classes, functions and constants as they are sorted there."""
+    rows = []
+    for name in import_module(package).__all__:
+        home = home_of(package, name)
+        rows.append(f"| {{py:obj}}`{name} <{home}.{name}>` | {first_sentence(package, name)} | `{home}` |")
+    return "\n".join(["| name | what it is | defined in |", "|---|---|---|", *rows, ""])
+
+
 def _replace(app: Sphinx, docname: str, source: list[str]) -> None:
     def sections(match: re.Match[str]) -> str:
         try:
@@ -38,7 +73,7 @@ def _replace(app: Sphinx, docname: str, source: list[str]) -> None:
             logger.warning("%s cannot be described: %s", match[1], error, location=docname)
             return ""
 
-    source[0] = LINE.sub(sections, source[0])
+    source[0] = DOOR.sub(lambda match: table_of(match[1]), LINE.sub(sections, source[0]))
 
 
 def _signature(app: Sphinx, what: str, name: str, obj: Any, *_: Any) -> tuple[str, None] | None:

@@ -10,8 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from warp_caustics import CausticSimulator, Scene
-from warp_caustics.prints.line import Line, line_relief
+from warp_caustics import CausticSimulator, Line, Scene, line_relief
 
 scene = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.02, 0.02), screen_position_m=(0.0, 0.0, -0.01))
 line = Line((-0.008, -0.004), (0.008, 0.004), width_m=4e-3, height_m=1e-4)

@@ -10,11 +10,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from warp_caustics import CausticSimulator, Scene
+from nets import create
+from warp_caustics import CausticImage, CausticSimulator, Scene, height_errors
 from warp_caustics.height_field import cell_centres
-from warp_caustics.metrics import height_errors
-from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 
 scene = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.02, 0.02))
 x_m, y_m = np.meshgrid(*[cell_centres(32, 0.02)] * 2)

@@ -13,12 +13,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from nets.reconstruct.methods import create
-from warp_caustics import Scene
+from nets import create
+from warp_caustics import CausticImage, Scene, height_errors, read_heights, read_image
 from warp_caustics.capture.radiometric import capture_to_irradiance
-from warp_caustics.io import read_heights, read_image
-from warp_caustics.metrics import height_errors
-from warp_caustics.reconstruct.base import CausticImage
 
 FILES = Path(inspect.getsourcefile(lambda: None)).resolve().parents[1] / "data"
 scene = Scene(exit_medium="glass")  # the screen touches the plate

@@ -11,9 +11,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import torch
 
-from data_gen.dataset_config import DatasetConfig
-from data_gen.samples import make_sampler
-from data_gen.store import CausticDataset, build, verify
+from data_gen import CausticDataset, DatasetConfig, make_sampler
+from data_gen.store import build, verify
 from warp_caustics import CausticSimulator, Scene
 
 scene = Scene(height_samples=32, image_pixels=64)

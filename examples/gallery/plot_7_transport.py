@@ -11,11 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from warp_caustics import CausticSimulator, Scene
-from warp_caustics.metrics import height_errors
-from warp_caustics.prints.line import Line, line_relief
-from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
+from nets import create
+from warp_caustics import CausticImage, CausticSimulator, Line, Scene, height_errors, line_relief
 
 scene = Scene(height_samples=32, image_pixels=128, plate_size_m=(0.02, 0.02))
 ends_m = [((-7e-3, -5e-3), (6e-3, 4e-3)), ((-4e-3, 7e-3), (5e-3, -6e-3))]

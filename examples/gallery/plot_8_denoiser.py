@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 import nets
-from data_gen.dataset_config import DatasetConfig, PhotonConfig
+from data_gen import DatasetConfig, PhotonConfig
 from data_gen.samples import DenoiserSampler
 from nets.config import DenoiserConfig, NetworkConfig
 from warp_caustics import Scene

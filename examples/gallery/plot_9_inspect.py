@@ -10,12 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from warp_caustics import CausticSimulator, Scene
-from warp_caustics.inspection.judge import judge_plate
-from warp_caustics.inspection.nominal import Nominal
-from warp_caustics.prints.line import Line, line_relief
-from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
+from nets import create
+from warp_caustics import CausticImage, CausticSimulator, Line, Nominal, Scene, judge_plate, line_relief
 
 TOLERANCE_M = 30e-6
 scene = Scene(height_samples=32, image_pixels=128, plate_size_m=(0.02, 0.02))

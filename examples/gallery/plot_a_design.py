@@ -9,8 +9,7 @@ the start, a descent on the exact model the rest; the result is checked with lig
 import matplotlib.pyplot as plt
 import numpy as np
 
-from warp_caustics import Scene
-from warp_caustics.design.designer import Designer
+from warp_caustics import Designer, Scene
 from warp_caustics.design.options import DesignOptions
 from warp_caustics.design.target import target_irradiance
 

@@ -43,6 +43,7 @@ ALL_METHODS: dict[str, Maker] = {
     "nsfc-unrolled": _unrolled,
     **METHODS,
 }
+"""Makers of all methods by name."""
 
 SEEDED = ("nsfc", "nsfc-unrolled")
 """Methods with an option ``seed``."""
