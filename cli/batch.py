@@ -10,8 +10,9 @@ import click
 
 from cli.failures import explained
 from cli.job import Job
-from cli.output import check_target, made_folder, result_names, write_table
+from cli.output import check_target, made_folder, result_names
 from warp_caustics.errors import EXIT_INTERRUPTED
+from warp_caustics.io.csv_table import CsvTable
 
 SUMMARY = "summary.csv"
 COLUMNS = (
@@ -47,7 +48,7 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
         row, record = _one(job, image, targets[image])
         rows.append(row)
         records.append(record)
-        write_table(folder / SUMMARY, COLUMNS, rows)
+        CsvTable(folder / SUMMARY, COLUMNS).write(rows)
         if row["exit_code"] == EXIT_INTERRUPTED:
             click.echo(f"interrupted; {len(images) - number} images are left", err=True)
             break

@@ -8,14 +8,13 @@ so that ``nsfc --help`` answers at once.
 
 import importlib
 import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Sequence
 
 import rich_click as click
 
 from cli.failures import explained
 from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE
+from warp_caustics.signals import Restore, answered
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
@@ -69,7 +68,7 @@ def main(args: Sequence[str] | None = None) -> int:
         The exit code.
     """
     try:
-        with _sigterm_as_exception():
+        with answered(_terminate, signal.SIGTERM):
             # Commands return an exit code, or None for success.
             result = nsfc.main(args, prog_name="nsfc", standalone_mode=False)
         return result if isinstance(result, int) else 0
@@ -87,18 +86,9 @@ def main(args: Sequence[str] | None = None) -> int:
         return _report(message, code)
 
 
-@contextmanager
-def _sigterm_as_exception() -> Iterator[None]:
-    def stop(signum: int, frame: Any) -> None:
-        # A second one ends the process at once.
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _terminate(number: int, restore: Restore) -> None:
+    restore()  # A second one ends the process at once.
+    raise Terminated
 
 
 def _report(message: str, code: int) -> int:

@@ -1,16 +1,14 @@
 """What commands write to: folders that hold one result and nothing else, and tables."""
 
-import csv
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from warp_caustics.errors import InputError
-from warp_caustics.io.atomic import PathLike, atomic_path, reason
+from warp_caustics.io.atomic import PathLike, reason
 from warp_caustics.io.heights import write_heights
 from warp_caustics.io.mesh import height_field_mesh, write_mesh
 from warp_caustics.scene import Scene
@@ -144,11 +142,3 @@ def write_print(folder: Path, heights_m: FloatArray, scene: Scene) -> None:
     write_heights(folder / "height.npy", heights_m)
     write_heights(folder / "height.tif", heights_m)
     write_mesh(folder / "surface.stl", height_field_mesh(heights_m, scene.plate_size_m, scene.base_thickness_m))
-
-
-def write_table(path: PathLike, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a CSV file, complete or not at all."""
-    with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(rows)

@@ -1,6 +1,5 @@
 """Where a result comes from: files, configuration, software, time."""
 
-import hashlib
 import importlib.metadata
 import os
 import platform
@@ -49,10 +48,10 @@ def file_sha256(path: "PathLike") -> str:
     Raises:
         InputError: unreadable.
     """
+    from warp_caustics.io import hashes
     from warp_caustics.io.atomic import reason
 
     try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashes.file_sha256(path)
     except OSError as error:
         raise InputError(f"{os.fspath(path)!r} cannot be read ({reason(error)}); check its permissions") from error

@@ -55,6 +55,8 @@ class ResourceError(CausticsError, RuntimeError):
 
 def is_out_of_memory(error: Exception) -> bool:
     """Whether host or device had too little memory."""
-    # torch raises torch.OutOfMemoryError, Warp a plain RuntimeError.
-    named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
-    return named or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))
+    # torch raises torch.OutOfMemoryError; it, cuDNN and Warp also plain RuntimeErrors.
+    if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError":
+        return True
+    signs = ("out of memory", "Failed to allocate", "can't allocate memory", "CUDNN_STATUS_ALLOC_FAILED")
+    return isinstance(error, RuntimeError) and any(sign in str(error) for sign in signs)

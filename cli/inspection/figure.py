@@ -1,13 +1,10 @@
 """The picture of an inspection: nominal, measured, deviation with its regions."""
 
-from typing import Any
-
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from cli.figures import new_figure, show_plate
 from warp_caustics.inspection.findings import Inspection
 from warp_caustics.scene import Scene
 
@@ -27,19 +24,18 @@ def inspection_figure(found: Inspection, scene: Scene, title: str) -> Figure:
         scene: gives the plate's size.
         title: of the plate.
     """
-    figure = Figure(figsize=(15.0, 4.9), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(15.0, 4.9)
     panels = figure.subplots(1, 3)
     measured = found.nominal_m + found.deviation_m
     low = min(float(found.nominal_m.min()), float(measured.min())) * 1e6
     high = max(float(found.nominal_m.max()), float(measured.max())) * 1e6
     for axes, relief, name in ((panels[0], found.nominal_m, "nominal"), (panels[1], measured, "measured")):
-        drawn = _show(axes, scene, relief * 1e6, name, cmap="viridis", vmin=low, vmax=high)
+        drawn = show_plate(axes, scene, relief * 1e6, name, cmap="viridis", vmin=low, vmax=high)
     figure.colorbar(drawn, ax=panels[1], label="height [um]", shrink=0.8)
 
     tolerance_um = found.tolerance_m * 1e6
     limit = SPAN * tolerance_um
-    deviation = _show(
+    deviation = show_plate(
         panels[2], scene, found.deviation_m * 1e6, "measured - nominal", cmap="RdBu_r", vmin=-limit, vmax=limit
     )
     bar = figure.colorbar(deviation, ax=panels[2], label="deviation [um]", extend="both", shrink=0.8)
@@ -86,8 +82,3 @@ def _mark(axes: Axes, scene: Scene, found: Inspection) -> None:
 def _extent(scene: Scene) -> tuple[float, float, float, float]:
     width, length = (size * 1e3 for size in scene.plate_size_m)
     return -width / 2, width / 2, -length / 2, length / 2
-
-
-def _show(axes: Axes, scene: Scene, values: np.ndarray[Any, Any], title: str, **options: Any) -> Any:
-    axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]")
-    return axes.imshow(values, origin="lower", extent=_extent(scene), **options)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cli.output import write_table
 from cli.results import ALL_FILES
+from warp_caustics.io.csv_table import CsvTable
 from warp_caustics.io.json_file import write_json
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ def write_inspection(folder: Path, found: "Inspection", scene: "Scene", title: s
     write_heights(folder / "deviation.npy", found.deviation_m)
     write_heights(folder / "deviation.tif", found.deviation_m)
     write_figure(folder / "inspection.png", inspection_figure(found, scene, title))
-    write_table(folder / "regions.csv", _REGION_COLUMNS, [_region_row(region) for region in found.regions])
-    write_table(folder / "fibres.csv", _FIBRE_COLUMNS, [_fibre_row(fibre) for fibre in found.fibres])
+    CsvTable(folder / "regions.csv", _REGION_COLUMNS).write([_region_row(region) for region in found.regions])
+    CsvTable(folder / "fibres.csv", _FIBRE_COLUMNS).write([_fibre_row(fibre) for fibre in found.fibres])
     write_json(folder / "inspection.json", record)
 
 

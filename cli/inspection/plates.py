@@ -1,6 +1,5 @@
 """The table of inspected plates: one row per plate, on disk as soon as it is done, read again at the next start."""
 
-import csv
 import os
 import time
 from collections.abc import Mapping
@@ -8,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cli.output import write_table
 from cli.provenance import file_sha256
-from warp_caustics.errors import DamagedDataError
-from warp_caustics.io.atomic import reason
+from warp_caustics.io.csv_table import CsvTable
 
 PLATES = "plates.csv"
 TREND = "trend.png"
@@ -90,21 +87,11 @@ class Plates:
     """
 
     def __init__(self, folder: Path, settings: str):
-        self.path, self.settings = folder / PLATES, settings
+        self.settings = settings
+        self._table = CsvTable(folder / PLATES, COLUMNS)
         self.rows: list[dict[str, Any]] = []
-        if self.path.exists():
-            self.rows = self._read()
-
-    def _read(self) -> list[dict[str, Any]]:
-        try:
-            with open(self.path, newline="", encoding="utf-8") as file:
-                reader = csv.DictReader(file)
-                rows = list(reader)
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise DamagedDataError(f"{str(self.path)!r} cannot be read ({reason(error)}); move it away") from error
-        if tuple(reader.fieldnames or ()) != COLUMNS:
-            raise DamagedDataError(f"{str(self.path)!r} is no table of plates of this version; move it away")
-        return [dict(row) for row in rows]
+        if self._table.path.exists():
+            self.rows = [dict(row) for row in self._table.read(is_exact=True)]
 
     def row_of(self, image: str) -> dict[str, Any] | None:
         """The row of an image of that name with the present settings."""
@@ -126,4 +113,4 @@ class Plates:
         complete = {**row, "settings": self.settings, "inspected": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
         name = os.path.basename(image)
         self.rows = [old for old in self.rows if old["image"] != name] + [complete]
-        write_table(self.path, COLUMNS, self.rows)
+        self._table.write(self.rows)

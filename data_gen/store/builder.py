@@ -21,7 +21,7 @@ from data_gen.store.summary import estimate
 from data_gen.store.supervise import Supervisor
 from data_gen.store.verification import Problem, check_shard
 from data_gen.store.worker import WorkerJob
-from warp_caustics.errors import DamagedDataError, InputError
+from warp_caustics.errors import EXIT_TERMINATED, DamagedDataError, InputError
 from warp_caustics.io.atomic import PathLike
 from warp_caustics.io.durable import make_folder, publish, remove, sweep
 from warp_caustics.signals import Restore, answered
@@ -292,7 +292,7 @@ def terminated_as_exit() -> Iterator[None]:
     def stop(number: int, restore: Restore) -> None:
         # A second one ends the process at once.
         restore()
-        raise SystemExit(143)
+        raise SystemExit(EXIT_TERMINATED)
 
     with answered(stop, signal.SIGTERM):
         yield

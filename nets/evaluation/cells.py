@@ -20,6 +20,7 @@ from nets.evaluation.run import privileged_knowledge, reconstruct, warm_up
 from nets.evaluation.scores import Scorer
 from warp_caustics.errors import EXIT_BUG, CausticsError, ResourceError, is_out_of_memory
 from warp_caustics.io.atomic import write_text
+from warp_caustics.io.hashes import file_sha256
 from warp_caustics.io.json_file import plain, write_json
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
@@ -198,4 +199,4 @@ def _file_hash(value: Any) -> str | None:
     if not isinstance(value, str):
         return None
     path = Path(value)
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    return file_sha256(path) if path.is_file() else None

@@ -18,7 +18,7 @@ from nets.training.devices import launched
 from nets.training.fit import FINAL_SECONDS, Limits, fit
 from nets.training.progress import DivergedError, TrainingProgress
 from nets.training.sources import make_source
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, is_out_of_memory
 
 Objective = Callable[[optuna.Trial], float]
 MakeObjective = Callable[[SearchConfig, str, float | None], Objective]
@@ -160,15 +160,6 @@ def guarded(objective: Objective) -> Objective:
         raise optuna.TrialPruned("out of memory")
 
     return call
-
-
-def is_out_of_memory(error: Exception) -> bool:
-    """Whether it is one of the ways in which Python, PyTorch, cuDNN and Warp say so."""
-    if isinstance(error, MemoryError | torch.OutOfMemoryError):
-        return True
-    told = str(error)
-    signs = ("out of memory", "Failed to allocate", "can't allocate memory", "CUDNN_STATUS_ALLOC_FAILED")
-    return isinstance(error, RuntimeError) and any(sign in told for sign in signs)
 
 
 def free_memory() -> None:

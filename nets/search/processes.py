@@ -25,7 +25,7 @@ from nets.search.study import Address, abandon, count, open_study
 from nets.search.worker import Goal, Worker
 from nets.training.keys import step_seed
 from warp_caustics.child_process import cause_of_death, end_child, leave_ctrl_c_to_parent, start_child
-from warp_caustics.errors import CausticsError, ResourceError
+from warp_caustics.errors import EXIT_INTERRUPTED, CausticsError, ResourceError
 
 POLL_S = 0.3
 MAX_IDLE_DEATHS = 2
@@ -211,7 +211,7 @@ def _child(pipe: Connection, plan: Plan, slot: int, device: str, name: str) -> N
         _prepare(device)
         _work(plan, slot, device, name, lambda study: None)
     except KeyboardInterrupt:
-        raise SystemExit(130) from None
+        raise SystemExit(EXIT_INTERRUPTED) from None
     except CausticsError as error:
         pipe.send(str(error))
         raise SystemExit(error.exit_code) from None

@@ -129,6 +129,7 @@ class _Loop:
             EarlyStopping(training.patience, training.min_epochs),
             torch.zeros((), device=device),
             torch.zeros((), device=device),
+            self.world,
         )
         if resume:
             self._restore()
@@ -154,8 +155,17 @@ class _Loop:
     def _restore(self) -> None:
         saved, warning = newest_checkpoint(self.checkpoints)
         self.state.restore(saved)
-        if warning is not None and self.is_first:
+        if not self.is_first:
+            return
+        if warning is not None:
             self.observer.warn(warning)
+        before = int(saved.get("processes", self.world))
+        if before != self.world:
+            self.observer.warn(
+                f"this run was on {before} devices and goes on with {self.world}: each step sees "
+                f"{self.world * self.training.batch_size} samples instead of {before * self.training.batch_size}; "
+                f"--devices {before} continues as before"
+            )
 
     def _check_pool(self, pool: ReplaySource) -> None:
         """Say what a pool takes, and refuse one that does not fit."""

@@ -7,6 +7,7 @@ import torch
 
 from nets.training.keys import step_seed
 from nets.unrolling_config import PhotonVariant
+from warp_caustics.data_gradient import possible_heights
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -36,8 +37,6 @@ class Imager:
         self.is_random = photons.placement != "lattice"
         pixels = scene.n_wavelengths * scene.image_pixels**2
         self.batch = max(1, BATCH_PIXELS[device.type] // pixels)
-        # A network's heights may be anything; the simulator wants glass that is there.
-        self.lowest_m = -0.99 * scene.base_thickness_m
 
     @torch.no_grad()
     def __call__(self, heights: torch.Tensor, seed: int = 0) -> torch.Tensor:
@@ -57,7 +56,7 @@ class Imager:
         Returns:
             S(h) [W/m^2], shape of target, and gradient [W^2/m^5], shape of heights.
         """
-        heights = heights.nan_to_num(0.0, 0.0, 0.0).clamp(min=self.lowest_m)
+        heights = possible_heights(heights, self.scene)
         engine, pixels = self.simulator.engine, target.shape[-1] * target.shape[-2]
         images, gradients = [], []
         for part, seen in zip(heights.split(self.batch), target.split(self.batch), strict=True):

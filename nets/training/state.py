@@ -72,6 +72,7 @@ class RunState:
         stopping: counts epochs without progress.
         step: optimiser steps done.
         elapsed_s: training time of all commands.
+        processes: how many take each step together, each with a batch of its own.
         horizon_s: length of the run in seconds where the first command's --max-time defined it.
         mean_norm: running mean of the gradients' norms, scalar tensor on the device; 0 before the first.
         loss_sum: of the steps since the last report, scalar tensor on the device.
@@ -89,6 +90,7 @@ class RunState:
     stopping: EarlyStopping
     mean_norm: torch.Tensor
     loss_sum: torch.Tensor
+    processes: int = 1
     step: int = 0
     elapsed_s: float = 0.0
     horizon_s: float | None = None
@@ -139,6 +141,7 @@ class RunState:
             "step": self.step,
             "elapsed_s": self.elapsed_s,
             "horizon_s": self.horizon_s,
+            "processes": self.processes,
             "mean_norm": self.mean_norm.detach().clone(),
             "loss_sum": self.loss_sum.detach().clone(),
             "loss_count": self.loss_count,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.output import checked_folder, made_folder, result_names, write_table
+from cli.output import checked_folder, made_folder, result_names
 from warp_caustics.errors import InputError
 
 
@@ -33,11 +33,3 @@ def test_results_of_one_name_are_refused():
     assert result_names(["a/x.tif", "b/y.z.png"]) == {"a/x.tif": "x", "b/y.z.png": "y.z"}
     with pytest.raises(InputError, match="'a/x.tif' and 'x.png' would both go to the folder 'x'"):
         result_names(["a/x.tif", "x.png"])
-
-
-def test_a_table_is_whole_or_absent(tmp_path):
-    write_table(tmp_path / "t.csv", ("a", "b"), [{"a": 1, "b": "x, y"}, {"a": 2}])
-    assert (tmp_path / "t.csv").read_bytes() == b'a,b\r\n1,"x, y"\r\n2,\r\n'
-    with pytest.raises(ValueError, match="c"):
-        write_table(tmp_path / "t.csv", ("a",), [{"c": 1}])
-    assert (tmp_path / "t.csv").read_bytes().startswith(b"a,b") and len(list(tmp_path.iterdir())) == 1

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.data_gradient import lowest_height_m
 from warp_caustics.errors import InputError, MismatchError
 
 LARGEST_LINE_ERROR_M = 2e-6
@@ -112,7 +113,7 @@ def _told(lines: "Sequence[Line]", section: "Section") -> str:
 
 def _checked(nominal: Nominal, path: str, scene: "Scene") -> Nominal:
     lowest, highest = float(nominal.relief_m.min()), float(nominal.relief_m.max())
-    if lowest <= -0.9 * scene.base_thickness_m:
+    if lowest <= lowest_height_m(scene):
         raise InputError(f"design {path!r} goes {-lowest * 1e3:.4g} mm below the plate's top; check units and base")
     if highest == lowest:
         raise InputError(f"design {path!r} is flat, there is nothing to compare with; check the file and its units")

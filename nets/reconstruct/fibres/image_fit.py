@@ -27,10 +27,6 @@ CONVERGED = 1e-5
 """Of the loss, see ``ftol`` of L-BFGS-B."""
 
 
-class TimeUp(Exception):
-    """The limit is reached."""
-
-
 @dataclass
 class Fitted:
     """Lines and how well they explain the image.

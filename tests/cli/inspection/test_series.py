@@ -77,7 +77,7 @@ def test_a_foreign_table_is_refused(fake, plates, lines_csv, tmp_path, capsys):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "plates.csv").write_text("a,b\n1,2\n")
     assert inspect(plates, "--nominal", lines_csv, "-o", tmp_path / "out") == 4
-    assert "no table of plates of this version" in capsys.readouterr().err
+    assert "has other columns than this version writes" in capsys.readouterr().err
 
 
 def test_watcher_waits_until_a_file_is_complete(tmp_path):

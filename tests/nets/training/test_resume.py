@@ -176,3 +176,14 @@ def test_a_run_killed_before_its_first_checkpoint_begins_again(tiny_run, train, 
     config = tiny_run("direct", total_steps=2, replay={"size": 8, "fresh_per_step": 2})
     assert train(config, tmp_path / "run", resume=True, watcher=watcher).step == 2
     assert watcher.notes == ["pool       8 samples, 0.00 GiB on cpu"]
+
+
+def test_another_number_of_devices_is_told(tiny_run, train, tmp_path, watcher):
+    """A run of four that goes on alone learns from a quarter of the samples per step: nobody should find out late."""
+    config = tiny_run("direct", total_steps=3)
+    train(config, tmp_path / "run", max_steps=1)
+    folder = tmp_path / "run" / "checkpoints"
+    save_checkpoint(folder, load_checkpoint(folder / "last.ckpt") | {"processes": 4})
+    train(config, tmp_path / "run", resume=True, watcher=watcher)
+    (told,) = watcher.warnings
+    assert "on 4 devices and goes on with 1" in told and "--devices 4" in told
