@@ -2,17 +2,19 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from cli.claims import claim_files
 from cli.failures import explained
 from cli.job import Job
-from cli.output import check_target, made_folder, result_names
+from cli.output import check_apart, check_target, made_folder, result_names
 from warp_caustics.errors import EXIT_INTERRUPTED
 from warp_caustics.io.csv_table import CsvTable
+from warp_caustics.io.journal import journal_path, only_writer
 
 SUMMARY = "summary.csv"
 COLUMNS = (
@@ -36,11 +38,22 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
 
     Raises:
         InputError: images of one name, a result that exists, or no place for the folder.
+        MismatchError: another batch writes there.
     """
     folder = made_folder(output)
     names = result_names(images)
-    targets = {image: check_target(folder / names[image], job.force, job.files_written) for image in images}
+    inputs = {path for image in images for path in job.reads(image)}
+    targets = {image: check_target(folder / names[image], job.force, job.kind, inputs) for image in images}
+    table = CsvTable(folder / SUMMARY, COLUMNS)
+    check_apart(table.path, inputs)
     _ = job.method  # what is wrong with it is wrong for all
+    with only_writer(journal_path(table.path), folder):
+        claim_files(folder, "batch", (SUMMARY,), table.is_own)
+        return _run(job, targets, table, output)
+
+
+def _run(job: Job, targets: Mapping[str, Path], table: CsvTable, output: str) -> int:
+    images = list(targets)
     rows: list[dict[str, Any]] = []
     records: list[dict[str, Any]] = []
     for number, image in enumerate(images, 1):
@@ -48,7 +61,7 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
         row, record = _one(job, image, targets[image])
         rows.append(row)
         records.append(record)
-        CsvTable(folder / SUMMARY, COLUMNS).write(rows)
+        table.write(rows)
         if row["exit_code"] == EXIT_INTERRUPTED:
             click.echo(f"interrupted; {len(images) - number} images are left", err=True)
             break

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--exposure-times", metavar="S,S,...", help="Exposure time of each PHOTO [s], to merge several of one view."
 )
+@click.option("--force", is_flag=True, help="Replace files that exist.")
 @capture_options
 @config_options
 @json_option
@@ -35,6 +36,7 @@ def capture(
     stages: str | None,
     mask: str | None,
     exposure_times: str | None,
+    force: bool,
     capture: Mapping[str, Any],
     config_source: str | None,
     settings: tuple[str, ...],
@@ -61,7 +63,7 @@ def capture(
         options["frames"] = [{"file": name, "exposure_s": time} for name, time in zip(photos, times, strict=True)]
     how = capture_settings(options, photo)
     files = capture_files(photo, how)
-    _check_outputs({"--output": output, "--stages": stages, "--mask": mask}, files)
+    _check_outputs({"--output": output, "--stages": stages, "--mask": mask}, files, force)
     found = read_capture(photo, config.scene, how)
     console.warn(*found.warnings)
     scene = config.scene
@@ -117,8 +119,9 @@ def _times(photos: tuple[str, ...], text: str | None) -> list[float] | None:
     return times
 
 
-def _check_outputs(outputs: Mapping[str, str | None], inputs: Mapping[str, str]) -> None:
-    """Refuse outputs that are an input or each other, or have no folder, before anything is computed."""
+def _check_outputs(outputs: Mapping[str, str | None], inputs: Mapping[str, str], force: bool) -> None:
+    """Refuse outputs that are an input or each other, exist or have no folder, before anything is computed."""
+    from cli.output import check_file
     from warp_caustics.errors import InputError
     from warp_caustics.io.image_format import SUFFIXES
 
@@ -135,3 +138,4 @@ def _check_outputs(outputs: Mapping[str, str | None], inputs: Mapping[str, str])
             raise InputError(f"suffix of {option} {path!r} is not known; use one of {', '.join(known)}")
         if not Path(real).parent.is_dir():
             raise InputError(f"folder {str(Path(real).parent)!r} does not exist; create it first")
+        check_file(path, force, inputs.values(), option)

@@ -67,8 +67,8 @@ def compare(
     HEIGHTS alone is simulated; HEIGHTS:IMAGE has an image already. The same command continues after any
     interruption; what is finished is not computed again.
     """
+    from cli.claims import claim_folder
     from cli.config import load_config
-    from cli.output import checked_folder
     from nets.evaluation.method_spec import parse_budgets, parse_methods
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
@@ -77,15 +77,15 @@ def compare(
     photons = _photons(n_photons)
     _check_noise(noise)
     console = Console(as_json)
-    folder, _ = checked_folder(output, OUTPUTS.__contains__, "name a new folder, or an earlier one")
-
+    advice = "name a new folder, or an earlier one"
     device = start_device(device)
     from nets.evaluation.fields import prepare
     from nets.evaluation.run import check_methods
 
     sources = _sources(fields, testset, count, scene, device)
     console.warn(*check_methods(specs, scene, device))
-    for part in (folder, folder / "cells", folder / "images"):
+    folder = claim_folder(output, "comparison", OUTPUTS, _is_unmarked, advice)
+    for part in (folder / "cells", folder / "images"):
         part.mkdir(exist_ok=True)
     prepared = prepare(sources, scene, photons, noise, folder / "images", device)
     for field in prepared:
@@ -160,6 +160,14 @@ def _check_noise(noise: float) -> None:
         raise InputError(
             f"noise {noise:g} is not between 0 and 1, parts of the light through a flat plate; 0.01 is 1 %"
         )
+
+
+def _is_unmarked(folder: Path) -> bool:
+    """Whether a comparison of a version that left no marker is in a folder."""
+    from nets.evaluation.cells import CellStore
+
+    store = CellStore(folder / "cells")
+    return any(store.record(path.stem) is not None for path in (folder / "cells").glob("*.json") if path.is_file())
 
 
 def _sources(fields: tuple[str, ...], testset: bool, count: int | None, scene: "Scene", device: str) -> "list[Source]":

@@ -187,6 +187,11 @@ def config_path(source: str) -> Path:
     return shipped[source]
 
 
+def config_files(source: str | None) -> list[Path]:
+    """The file of a --config value, where it is one of the user's."""
+    return [] if source is None or source in shipped_configs() else [config_path(source)]
+
+
 # --------------------------------------------------------------------------- YAML
 
 

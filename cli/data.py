@@ -152,11 +152,14 @@ def info(directory: str, as_json: bool) -> None:
 @click.argument("directory", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), required=True, help="Picture (.png).")
 @click.option("--samples", type=integer, default=4, show_default=True, help="Number of samples to show.")
-def preview(directory: str, output: str, samples: int) -> None:
+@click.option("--force", is_flag=True, help="Replace the picture if it exists.")
+def preview(directory: str, output: str, samples: int, force: bool) -> None:
     """Draw the first samples of the data set in DIRECTORY; also of an unfinished one."""
+    from cli.output import check_file
     from cli.sheet import draw_sheet
     from data_gen.store import CausticDataset
 
+    check_file(output, force, _files_of(directory))
     shown = CausticDataset(directory, partial=True)
     count = draw_sheet(shown, output, samples)
     Console().line(f"picture    {output}, {count} samples")
@@ -165,12 +168,14 @@ def preview(directory: str, output: str, samples: int) -> None:
 @data.command()
 @click.argument("directory", type=click.Path())
 @click.option("--fields", type=integer, default=10, show_default=True, help="Number of fields, 1 to 10.")
+@click.option("--force", is_flag=True, help="Replace earlier test fields.")
 @device_option
 @config_options
 @json_option
 def testset(
     directory: str,
     fields: int,
+    force: bool,
     device: str,
     config_source: str | None,
     settings: tuple[str, ...],
@@ -184,10 +189,15 @@ def testset(
     from cli.testset import write_testset
 
     console = Console(as_json)
-    record = write_testset(directory, config.scene, started, fields)
+    record = write_testset(directory, config.scene, started, fields, force)
     for name, rms in zip(record["fields"], record["flat_guess_rmse_um"], strict=True):
         console.line(f"field      {name}: heights and image, {rms:.1f} um from flat")
     console.record(record)
+
+
+def _files_of(directory: str) -> list[Path]:
+    """All files of a data set."""
+    return [path for path in Path(directory).rglob("*") if path.is_file()]
 
 
 def _devices(device: str) -> list[str]:

@@ -99,11 +99,12 @@ def design(
     lowest y, so it stands upright on a screen seen from below; see --mirror. Ctrl-C ends the search early; the best
     relief so far is still written.
     """
-    from cli.config import load_config
-    from cli.output import check_target, result_folder
+    from cli.config import config_files, load_config
+    from cli.output import ResultKind, check_target, result_folder
 
     console = Console(as_json)
-    folder = check_target(output, force, DESIGN_FILES)
+    kind = ResultKind("design", DESIGN_FILES)
+    folder = check_target(output, force, kind, [target, *config_files(config_source)])
     overrides = {
         "scene.plate_size_m": None if plate_size is None else [plate_size, plate_size],
         "scene.base_thickness_m": base_thickness,
@@ -128,7 +129,7 @@ def design(
     light = grey(picture.values)
     wanted = target_irradiance(light[:, ::-1] if mirror else light, config.scene, floor=floor, margin_m=margin, fit=fit)
     designer = Designer(config.scene, options, start_device(device))
-    with result_folder(folder, force, DESIGN_FILES) as temporary:
+    with result_folder(folder, force, kind) as temporary:
         with console.progress() as progress:
             result = designer.design(wanted, progress)
         config = designed_config(config, result)

@@ -4,12 +4,12 @@ import glob
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cli.provenance import file_records
 from warp_caustics.capture.read import read_capture
-from warp_caustics.capture.settings import CaptureSettings, capture_files
-from warp_caustics.errors import InputError
+from warp_caustics.capture.settings import CaptureSettings, capture_files, capture_settings
+from warp_caustics.errors import CausticsError, InputError
 from warp_caustics.io.heights import read_relief
 from warp_caustics.scene import Scene
 
@@ -74,6 +74,21 @@ class Inputs:
     def caustic(self) -> "CausticImage":
         """The image as methods take it."""
         return self.capture.caustic
+
+
+def read_files(image: str, files: Mapping[str, str], capture: Mapping[str, Any]) -> list[str]:
+    """Paths of all that is read for an image: itself or its frames, calibration, and files by role.
+
+    Args:
+        image: path.
+        files: paths by role: initial, reference and others.
+        capture: options on how to read the image, see :mod:`cli.capture_options`.
+    """
+    try:
+        frames = capture_files(image, capture_settings(capture, image))
+    except CausticsError:
+        frames = {}  # what is wrong with it is said when it is read
+    return [image, *frames.values(), *files.values()]
 
 
 def read_inputs(files: Mapping[str, str], scene: Scene, settings: CaptureSettings) -> Inputs:

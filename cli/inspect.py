@@ -87,7 +87,7 @@ def inspect(
     Of several images, a folder or a pattern, each plate's result goes to OUTPUT/name-of-the-image, and
     OUTPUT/plates.csv has a row for each. The exit code is 0 if every plate is shown to be within tolerance, 7 if not.
     """
-    from cli.config import load_config
+    from cli.config import config_files, load_config
     from cli.inputs import image_list
     from cli.inspection.job import InspectionJob
     from cli.inspection.series import run_series, run_watch
@@ -131,6 +131,8 @@ def inspect(
         return run_watch(job, images[0], output, watch)
     if not isinstance(found, str):
         return run_series(job, found, output)
-    outcome = job.run(found, check_target(output, force, job.files_written), output)
+    outcome = job.run(
+        found, check_target(output, force, job.kind, [*job.reads(found), *config_files(config_source)]), output
+    )
     console.record(outcome.record)
     return outcome.exit_code

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from cli.config import Config
 from cli.console import Console
-from cli.inputs import Inputs, read_inputs
+from cli.inputs import Inputs, read_files, read_inputs
 from cli.output import result_folder
-from cli.results import ALL_FILES, result_record, summary, write_results
+from cli.results import RECONSTRUCTION, result_record, summary, write_results
 from warp_caustics.capture.settings import capture_settings
 from warp_caustics.device import start_device
 
@@ -51,7 +51,11 @@ class Job:
     device: str
     force: bool
     console: Console
-    files_written = ALL_FILES
+    kind = RECONSTRUCTION
+
+    def reads(self, image: str) -> list[str]:
+        """Every file that is read for an image."""
+        return read_files(image, self.files, self.capture)
 
     @cached_property
     def started_device(self) -> str:
@@ -79,7 +83,7 @@ class Job:
         inputs = read_inputs({"image": image, **self.files}, self.config.scene, settings)
         self.console.warn(*inputs.capture.warnings)
         method = self.method
-        with result_folder(target, self.force, self.files_written) as folder:
+        with result_folder(target, self.force, self.kind) as folder:
             self._announce(method, inputs)
             with self.console.progress() as progress:
                 if self.from_transport:

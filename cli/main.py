@@ -8,6 +8,7 @@ so that ``nsfc --help`` answers at once.
 
 import importlib
 import signal
+import sys
 from collections.abc import Sequence
 
 import rich_click as click
@@ -68,6 +69,7 @@ def main(args: Sequence[str] | None = None) -> int:
         The exit code.
     """
     try:
+        _accept_any_name()
         with answered(_terminate, signal.SIGTERM):
             # Commands return an exit code, or None for success.
             result = nsfc.main(args, prog_name="nsfc", standalone_mode=False)
@@ -84,6 +86,13 @@ def main(args: Sequence[str] | None = None) -> int:
     except Exception as error:
         message, code = explained(error)
         return _report(message, code)
+
+
+def _accept_any_name() -> None:
+    """Print names that the terminal's encoding does not have with backslashes, instead of failing after the work."""
+    for stream in (sys.stdout, sys.stderr):
+        if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _terminate(number: int, restore: Restore) -> None:

@@ -58,7 +58,7 @@ def reconstruct(
     Ctrl-C ends the iteration early; the best result so far is still written.
     """
     from cli.batch import run_batch
-    from cli.config import load_config
+    from cli.config import config_files, load_config
     from cli.inputs import image_list
     from cli.job import Job
     from cli.output import check_target
@@ -66,7 +66,6 @@ def reconstruct(
 
     console = Console(as_json)
     found = image_list(images)
-    target = check_target(output, force, Job.files_written) if isinstance(found, str) else None
     config = load_config(
         config_source,
         settings,
@@ -89,9 +88,9 @@ def reconstruct(
         force=force,
         console=console,
     )
-    if target is None:
+    if not isinstance(found, str):
         return run_batch(job, found, output)
-    assert isinstance(found, str)
+    target = check_target(output, force, job.kind, [*job.reads(found), *config_files(config_source)])
     outcome = job.run(found, target, output)
     console.record(outcome.record)
     if outcome.is_interrupted:

@@ -9,12 +9,13 @@ import numpy as np
 
 from cli.config import Config, dump_config
 from cli.inputs import Inputs
-from cli.output import write_print
+from cli.output import ResultKind, write_print
 from cli.provenance import provenance
 from cli.report.content import ReportContent
 from warp_caustics.io.atomic import write_text
 from warp_caustics.io.heights import write_heights
 from warp_caustics.io.json_file import write_json
+from warp_caustics.io.printable import printable
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line
 from warp_caustics.prints.line_list import write_lines
@@ -36,6 +37,7 @@ FIBRE_FILES = ("printed_lines.csv",)
 """What it holds besides where the method found the lines that were printed."""
 
 ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES)
+RECONSTRUCTION = ResultKind("reconstruction", ALL_FILES)
 
 
 def result_record(result: "Reconstruction", inputs: Inputs, config: Config) -> dict[str, Any]:
@@ -112,7 +114,7 @@ def write_results(
     )
     write_figure(folder / "overview.png", figure)
     content = ReportContent(
-        title=os.path.basename(inputs.files["image"]["path"]),
+        title=printable(os.path.basename(inputs.files["image"]["path"])),
         scene=scene,
         record=record,
         measured=inputs.capture.irradiance,

@@ -11,7 +11,7 @@ import rich_click as click
 from cli.console import Console
 from cli.options import config_options, device_option, duration, integer, json_option
 from warp_caustics.device import start_device
-from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, InputError, ResourceError
+from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, CausticsError, InputError, ResourceError
 
 if TYPE_CHECKING:
     import optuna
@@ -156,12 +156,26 @@ def _folder(output: str) -> Path:
     Raises:
         InputError: it holds something else.
     """
-    from cli.output import checked_folder
+    from cli.claims import claim_folder
+    from nets.search.report import FILES
+    from nets.search.study import FILE
 
-    is_search = Path(output, RESOLVED).exists()
-    folder, _ = checked_folder(output, lambda name: is_search or name.startswith("."))
-    folder.mkdir(exist_ok=True)
-    return folder
+    database = (FILE, *(f"{FILE}-{part}" for part in ("journal", "wal", "shm")))  # SQLite's own
+    names = (*FILES, RESOLVED, *database, ".outputs.lock", ".claims.lock")
+    return claim_folder(output, "search", names, _is_unmarked, "name a new folder")
+
+
+def _is_unmarked(folder: Path) -> bool:
+    """Whether a search of a version that left no marker is in a folder."""
+    from cli.marker import is_regular
+    from warp_caustics.io.yaml_file import read_yaml
+
+    if not is_regular(folder / RESOLVED):
+        return False
+    try:
+        return {"run", "max_epochs", "sampler"} <= read_yaml(folder / RESOLVED).keys()
+    except CausticsError:
+        return False
 
 
 def _searched(

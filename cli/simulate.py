@@ -16,13 +16,12 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("heights", type=click.Path())
-@click.option(
-    "-o", "--output", type=click.Path(), required=True, help="Image: .tif, .png, .exr, .npy, .npz or .h5; replaced."
-)
+@click.option("-o", "--output", type=click.Path(), required=True, help="Image: .tif, .png, .exr, .npy, .npz or .h5.")
 @click.option("--preset", help="Photon set: lattice (sharp, without noise) or paper (random, s = 16).")
 @click.option("--n-photons", type=integer, help="n_l: light paths per wavelength.")
 @click.option("--smoothing", type=number, help="s: scales the photon footprint.")
 @click.option("--placement", help="Where photons start: lattice, stratified, sobol or random.")
+@click.option("--force", is_flag=True, help="Replace OUTPUT if it exists.")
 @seed_option
 @device_option
 @config_options
@@ -34,6 +33,7 @@ def simulate(
     n_photons: int | None,
     smoothing: float | None,
     placement: str | None,
+    force: bool,
     seed: int | None,
     device: str,
     config_source: str | None,
@@ -43,7 +43,8 @@ def simulate(
     """Simulate the caustic of HEIGHTS, a map of the relief in metres (.npy, .npz, .tif or .h5)."""
     import numpy as np
 
-    from cli.config import load_config
+    from cli.config import config_files, load_config
+    from cli.output import check_file
     from warp_caustics.io.heights import read_heights
     from warp_caustics.io.images import write_image
 
@@ -52,7 +53,8 @@ def simulate(
     }  # fmt: skip
     config = load_config(config_source, settings, {f"simulation.{key}": value for key, value in options.items()})
     relief = read_heights(heights)
-    _check_output(output, heights, config.scene)
+    check_file(output, force, [heights, *config_files(config_source)])
+    _check_output(output, config.scene)
 
     import torch
 
@@ -98,9 +100,8 @@ def energy_lines(budget: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _check_output(output: str, heights: str, scene: "Scene") -> None:
+def _check_output(output: str, scene: "Scene") -> None:
     """Refuse an output that cannot be written before the simulation instead of after it."""
-    import os
     import tempfile
 
     import numpy as np
@@ -109,8 +110,6 @@ def _check_output(output: str, heights: str, scene: "Scene") -> None:
     from warp_caustics.io.images import write_image
 
     target = Path(output)
-    if target.exists() and os.path.samefile(output, heights):
-        raise InputError(f"output {output!r} is the height map itself; give another name")
     try:
         with tempfile.TemporaryDirectory(prefix=".nsfc-", dir=target.parent) as folder:
             probe = Path(folder, f"probe{target.suffix}")

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cli.output import ResultKind, check_target, result_folder
 from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, field_heights, field_images
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import write_heights
@@ -13,28 +14,38 @@ from warp_caustics.io.json_file import write_json
 from warp_caustics.scene import Scene
 
 
-def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS) -> dict[str, Any]:
+def testset_kind() -> ResultKind:
+    """What a folder of test fields holds."""
+    names = [f"field_{k}_{what}" for k in range(TEST_FIELDS) for what in ("heights.npy", "image.tif")]
+    return ResultKind("test fields", ("testset.json", *names))
+
+
+def write_testset(
+    directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS, force: bool = False
+) -> dict[str, Any]:
     """Write ``field_0_heights.npy``, ``field_0_image.tif`` ... and ``testset.json``.
 
     Args:
-        directory: made if it is missing.
+        directory: made complete or not at all.
         scene: the set-up.
         device: where to simulate.
         fields: how many of the ten.
+        force: replace earlier test fields.
 
     Returns:
         What ``testset.json`` holds.
 
     Raises:
-        InputError: another number of fields, or a folder that cannot be made.
+        InputError: another number of fields, or a folder that is in use or cannot be made.
     """
     if not 1 <= fields <= TEST_FIELDS:
         raise InputError(f"{fields} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
-    folder = Path(directory)
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"folder {directory!r} cannot be made ({error.strerror}); create its parent first") from error
+    kind = testset_kind()
+    with result_folder(check_target(directory, force, kind), force, kind) as folder:
+        return _write(folder, scene, device, fields)
+
+
+def _write(folder: Path, scene: Scene, device: str, fields: int) -> dict[str, Any]:
     heights = field_heights(scene, device)[:fields].astype(np.float64)
     images = field_images(scene, device, fields=fields)
     names = [f"field_{k}" for k in range(fields)]

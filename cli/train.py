@@ -1,9 +1,9 @@
 """``nsfc train``: train a network, or go on training it."""
 
 import os
-import shutil
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from nets.training.progress import TrainingResult
 
 KINDS = ("denoiser", "updater", "direct", "unrolled")
-RUN_FILES = (
-    "config.resolved.yaml", "metrics.csv", "checkpoints", "pictures", "tensorboard", "weights.safetensors",
-)  # fmt: skip
-"""What a run folder holds, and all that --force may remove."""
 EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 
 
@@ -98,9 +94,13 @@ def train(
             raise InputError(f"run {output!r} trains a {config.kind}; give that instead of {kind!r}")
     else:
         config = new_run(kind, preset, config_source, settings, overrides)  # type: ignore[arg-type]
-        if is_first:
-            check_run_folder(folder, force)
-    result = _trained(config, folder, console, is_first, _start(device, devices), max_time, max_steps, start, resume)
+    from cli.run_folder import run_folder
+
+    where = _start(device, devices)
+    if is_first and not resume:
+        _check_inputs(output, config, config_source)
+    with run_folder(folder, force=force, resume=resume) if is_first else nullcontext():
+        result = _trained(config, folder, console, is_first, where, max_time, max_steps, start, resume)
     if is_first:
         console.line(*summary(output, result))
         console.record({"output": output, **_record(result), "config": config.model_dump(mode="json")})
@@ -138,27 +138,18 @@ def _start(device: str, devices: int) -> tuple[str, int]:
     return name, devices
 
 
-def check_run_folder(folder: Path, force: bool) -> None:
-    """Make the folder of a new run.
+def _check_inputs(output: str, config: "RunConfig", source: str | None) -> None:
+    """Refuse files that are missing, or in the folder of the run, before an earlier run is deleted."""
+    from cli.config import config_files
+    from cli.output import check_apart
+    from warp_caustics.io.atomic import regular_file
 
-    Args:
-        folder: of the run.
-        force: remove an earlier run in it.
-
-    Raises:
-        InputError: it holds a run or something else.
-    """
-    from cli.output import checked_folder
-
-    folder, held = checked_folder(folder, lambda name: name in RUN_FILES or name.startswith(".tmp-"))
-    # What has no checkpoint yet has learned nothing: a start that failed needs no --force.
-    has_learned = (folder / "weights.safetensors").exists() or any(folder.glob("checkpoints/*.ckpt"))
-    if has_learned and not force:
-        raise InputError(f"output {str(folder)!r} holds a run; continue it with --resume, or delete it with --force")
-    for name in held:
-        path = folder / name
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    folder.mkdir(exist_ok=True)
+    named = (config.initial_weights, config.training.denoiser_weights, config.training.unrolling.direct_weights)
+    weights = [path for path in named if path]
+    data = [] if config.data is None else [config.data]
+    check_apart(output, [*weights, *data, *config_files(source)])
+    for path in weights:
+        regular_file(path)
 
 
 def _trained(

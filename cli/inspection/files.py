@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cli.output import ResultKind
 from cli.results import ALL_FILES
 from warp_caustics.io.csv_table import CsvTable
 from warp_caustics.io.json_file import write_json
@@ -20,6 +21,7 @@ OWN_FILES = (
 )  # fmt: skip
 INSPECTION_FILES = (*ALL_FILES, *OWN_FILES)
 """What the folder of an inspected plate may hold."""
+INSPECTION = ResultKind("inspection", INSPECTION_FILES)
 
 _REGION_COLUMNS = (
     "number", "x_mm", "y_mm", "lower_x_mm", "lower_y_mm", "upper_x_mm", "upper_y_mm", "area_mm2", "volume_mm3",

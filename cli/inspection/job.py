@@ -1,5 +1,6 @@
 """One plate: read, reconstruct, compare with the design, write."""
 
+import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,15 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cli.console import Console
-from cli.inputs import read_inputs
-from cli.inspection.files import INSPECTION_FILES, inspection_record, write_inspection
+from cli.inputs import read_files, read_inputs
+from cli.inspection.files import INSPECTION, inspection_record, write_inspection
 from cli.output import result_folder
-from cli.provenance import file_records
+from cli.provenance import file_records, file_sha256
 from cli.results import result_record, write_results
-from warp_caustics.capture.settings import capture_settings
+from warp_caustics.capture.settings import capture_files, capture_settings, is_capture_file
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_FAILED
 from warp_caustics.io.json_file import json_text
+from warp_caustics.io.printable import printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,15 +79,14 @@ class InspectionJob:
     device: str
     force: bool
     console: Console
-    files_written = INSPECTION_FILES
+    kind = INSPECTION
     _method: "FromNominal | None" = None
 
     @cached_property
     def settings(self) -> str:
         """Hash of all that a verdict depends on besides the image."""
-        import hashlib
-
         frames = {key: value for key, value in self.capture.items() if value is not None}
+        calibration = capture_files(None, capture_settings(self.capture))
         tree = {
             "config": self.config.fingerprint(),
             "files": {kind: file["sha256"] for kind, file in file_records(self.files).items()},
@@ -97,7 +98,22 @@ class InspectionJob:
         }
         if self.nominal.section != "cosine":
             tree["section"] = self.nominal.section  # left out where it is as always, so that older tables stay valid
+        if calibration:
+            # Another dark frame under the same name makes another image.
+            tree["calibration"] = {kind: file["sha256"] for kind, file in file_records(calibration).items()}
         return hashlib.sha256(json_text(tree).encode()).hexdigest()[:16]
+
+    def content(self, image: str) -> str:
+        """Hash of all that is read as an image: its file, or a capture file with its frames."""
+        own = capture_files(image, capture_settings(self.capture, image)) if is_capture_file(image) else {}
+        if not own:
+            return file_sha256(image)
+        records = {kind: file["sha256"] for kind, file in file_records(own).items()}
+        return hashlib.sha256(json_text(records).encode()).hexdigest()
+
+    def reads(self, image: str) -> list[str]:
+        """Every file that is read for an image."""
+        return read_files(image, self.files, self.capture)
 
     def method(self) -> "FromNominal":
         """The reconstruction, made at the first call.
@@ -131,8 +147,8 @@ class InspectionJob:
         for warning in inputs.capture.warnings:
             console.warn(warning)
         method = self.method()
-        title = os.path.basename(image)
-        with result_folder(target, force or self.force, self.files_written) as folder:
+        title = printable(os.path.basename(image))
+        with result_folder(target, force or self.force, self.kind) as folder:
             with console.progress() as progress:
                 found = method.reconstruct(inputs.caustic, self.nominal, progress=progress)
             plate = found.reconstruction

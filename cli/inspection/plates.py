@@ -2,13 +2,14 @@
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cli.provenance import file_sha256
 from warp_caustics.io.csv_table import CsvTable
+from warp_caustics.io.printable import printable
 
 PLATES = "plates.csv"
 TREND = "trend.png"
@@ -29,11 +30,13 @@ class Stamp:
         size: [bytes].
         modified: time of its last change, as in the table.
         mtime_ns: the same [ns].
+        ctime_ns: time of the last change of content or name [ns], which nobody can set.
     """
 
     size: int
     modified: str
     mtime_ns: int
+    ctime_ns: int
 
 
 def stamp(path: str) -> Stamp:
@@ -45,7 +48,12 @@ def stamp(path: str) -> Stamp:
     info = os.stat(path)
     seconds, rest = divmod(info.st_mtime_ns, 1_000_000_000)
     text = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds)) + f".{rest:09d}Z"
-    return Stamp(info.st_size, text, info.st_mtime_ns)
+    return Stamp(info.st_size, text, info.st_mtime_ns, info.st_ctime_ns)
+
+
+def listed_name(image: str) -> str:
+    """Name of an image in the table."""
+    return printable(os.path.basename(image))
 
 
 def plate_row(image: str, record: Mapping[str, Any], seconds: float) -> dict[str, Any]:
@@ -58,7 +66,7 @@ def plate_row(image: str, record: Mapping[str, Any], seconds: float) -> dict[str
     """
     faults = [fibre["name"] for fibre in record["fibres"] if fibre["status"] not in ("as designed", "hidden")]
     return {
-        "image": os.path.basename(image),
+        "image": listed_name(image),
         "status": "done",
         "verdict": record["verdict"],
         "peak_deviation_um": f"{record['peak_deviation_m'] * 1e6:.4g}",
@@ -81,36 +89,40 @@ class Plates:
     Args:
         folder: where it is or will be.
         settings: hash of all that a verdict depends on besides the image; rows of other settings are not skipped.
+        content: hash of all that is read as an image, by its path.
 
     Raises:
         DamagedDataError: a table that is none.
     """
 
-    def __init__(self, folder: Path, settings: str):
-        self.settings = settings
+    def __init__(self, folder: Path, settings: str, content: Callable[[str], str] = file_sha256):
+        self.settings, self._content = settings, content
         self._table = CsvTable(folder / PLATES, COLUMNS)
         self.rows: list[dict[str, Any]] = []
         if self._table.path.exists():
             self.rows = [dict(row) for row in self._table.read(is_exact=True)]
 
+    @property
+    def table(self) -> CsvTable:
+        """On disk."""
+        return self._table
+
     def row_of(self, image: str) -> dict[str, Any] | None:
         """The row of an image of that name with the present settings."""
-        name = os.path.basename(image)
+        name = listed_name(image)
         found = [row for row in self.rows if row["image"] == name and row["settings"] == self.settings]
         return found[-1] if found else None
 
     def is_done(self, image: str) -> bool:
-        """Whether this very file was inspected with these settings; its content decides where its time differs."""
+        """Whether this very image was inspected with these settings: its content decides, since times can be copied."""
         row = self.row_of(image)
         if row is None or int(row["exit_code"]) in RETRIED:
             return False
-        if row["modified"] == stamp(image).modified:
-            return True
-        return bool(row["sha256"]) and row["sha256"] == file_sha256(image)
+        return bool(row["sha256"]) and row["sha256"] == self._content(image)
 
     def add(self, image: str, row: Mapping[str, Any]) -> None:
         """Append a row, in place of an earlier one of that image; on disk when this returns."""
         complete = {**row, "settings": self.settings, "inspected": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}
-        name = os.path.basename(image)
+        name = listed_name(image)
         self.rows = [old for old in self.rows if old["image"] != name] + [complete]
         self._table.write(self.rows)

@@ -2,19 +2,22 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from cli.claims import claim_files
 from cli.failures import explained
-from cli.inspection.plates import PLATES, TREND, Plates, plate_row, stamp
+from cli.inspection.plates import PLATES, TREND, Plates, listed_name, plate_row, stamp
 from cli.inspection.watch import Watcher
-from cli.output import check_target, made_folder, result_names
-from cli.provenance import file_sha256
+from cli.output import check_apart, check_target, made_folder, result_name, result_names
 from warp_caustics.errors import EXIT_INTERRUPTED
 from warp_caustics.io.atomic import reason
+from warp_caustics.io.journal import journal_path, only_writer
+from warp_caustics.io.printable import printable
 
 if TYPE_CHECKING:
     from cli.inspection.job import InspectionJob
@@ -36,9 +39,16 @@ def run_series(job: "InspectionJob", images: Sequence[str], output: str) -> int:
     Raises:
         InputError: images of one name, or no place for the folder.
     """
-    series = _Series(job, output)
     result_names(images)  # two of one name would share a folder
-    job.method()  # what is wrong with it is wrong for all
+    with _series(job, output) as series:
+        for image in images:
+            check_apart(series.target(image), job.reads(image))
+        job.method()  # what is wrong with it is wrong for all
+        return _run(series, images, output)
+
+
+def _run(series: "_Series", images: Sequence[str], output: str) -> int:
+    job = series.job
     codes: list[int] = []
     for number, image in enumerate(images, 1):
         job.console.line(f"[{number}/{len(images)}] {image}")
@@ -53,7 +63,7 @@ def run_series(job: "InspectionJob", images: Sequence[str], output: str) -> int:
             codes.append(EXIT_INTERRUPTED)
             break
     job.console.line(f"plates     {os.path.join(output, PLATES)}, {TREND}")
-    names = {os.path.basename(image) for image in images}
+    names = {listed_name(image) for image in images}
     rows = [row for row in series.plates.rows if row["image"] in names]
     job.console.record({"exit_code": max(codes), "output": output, "plates": rows})
     return max(codes)
@@ -74,8 +84,13 @@ def run_watch(
     Returns:
         130: only Ctrl-C ends it.
     """
-    series = _Series(job, output)
-    job.method()
+    with _series(job, output) as series:
+        job.method()
+        return _watch(series, folder, output, seconds, sleep)
+
+
+def _watch(series: "_Series", folder: str, output: str, seconds: float, sleep: Callable[[float], None]) -> int:
+    job = series.job
     watcher = Watcher(folder, series.plates.is_done)
     job.console.line(f"watching   {folder} every {seconds:g} s; Ctrl-C ends it")
     try:
@@ -95,12 +110,26 @@ def run_watch(
         return EXIT_INTERRUPTED
 
 
+@contextmanager
+def _series(job: "InspectionJob", output: str) -> Iterator["_Series"]:
+    """A row of plates that nobody else adds to, in a folder whose table is of an earlier one or none."""
+    folder = made_folder(output)
+    with only_writer(journal_path(folder / PLATES), folder):
+        series = _Series(job, folder)
+        claim_files(folder, "series", (PLATES, TREND), series.plates.table.is_own)
+        yield series
+
+
 class _Series:
     """Table, folder and trend of a row of plates."""
 
-    def __init__(self, job: "InspectionJob", output: str):
-        self.job, self.folder = job, made_folder(output)
-        self.plates = Plates(self.folder, job.settings)
+    def __init__(self, job: "InspectionJob", folder: Path):
+        self.job, self.folder = job, folder
+        self.plates = Plates(folder, job.settings, job.content)
+
+    def target(self, image: str) -> Path:
+        """Folder of an image's result."""
+        return self.folder / result_name(image)
 
     def inspect(self, image: str) -> int:
         """Inspect one image and list it; returns its exit code.
@@ -109,15 +138,18 @@ class _Series:
             KeyboardInterrupt: Ctrl-C; the image is not listed, the next start takes it up again.
         """
         started = time.perf_counter()
-        row: dict[str, Any] = {"image": os.path.basename(image), "folder": Path(image).stem}
+        row: dict[str, Any] = {"image": listed_name(image), "folder": printable(result_name(image))}
         try:
-            before, row["sha256"] = stamp(image), file_sha256(image)
-            row["modified"] = before.modified
+            before, content = stamp(image), self.job.content(image)
+            row |= {"modified": before.modified, "sha256": content}
             # A folder that the table does not vouch for is left from an image of other content or settings.
-            target = check_target(self.folder / Path(image).stem, True, self.job.files_written)
+            target = check_target(self.target(image), True, self.job.kind, self.job.reads(image))
             outcome = self.job.run(image, target, str(target), force=True)
             row |= plate_row(image, outcome.record, time.perf_counter() - started)
             row["exit_code"] = outcome.exit_code
+            if self.job.content(image) != content:
+                row["sha256"] = ""  # nobody can say which of two the verdict is of
+                self.job.console.warn(f"{image!r} was changed while it was inspected; the next start inspects it again")
         except Exception as error:
             message, code = explained(error)
             row |= {"status": "failed", "exit_code": code, "error": " ".join(message.split())}

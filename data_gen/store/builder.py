@@ -11,7 +11,7 @@ from typing import Literal
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import Field, SamplerFactory
-from data_gen.store.folder import StoredConfig, check_same_origin, load_complete, prepare_folder
+from data_gen.store.folder import StoredConfig, check_same_origin, load_complete, prepare_folder, refuse_strangers
 from data_gen.store.layout import Complete, Layout, Manifest
 from data_gen.store.lock import BuildLock
 from data_gen.store.maker import ShardMaker, Task, usable_cores
@@ -153,6 +153,8 @@ def open_build(
     root = Path(directory)
     make_folder(root)
     layout = Layout(root)
+    # A lock is a file that is written to: not before the folder is known as a data set's.
+    refuse_strangers(layout)
     with BuildLock(layout.lock) as lock:
         prepare_folder(root, config)
         sweep(layout.root, layout.shards)

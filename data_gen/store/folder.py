@@ -84,7 +84,7 @@ def prepare_folder(directory: PathLike, config: DatasetConfig) -> Layout:
     except FileNotFoundError:
         found = None
     if found is None:
-        _refuse_strangers(layout)
+        refuse_strangers(layout)
     elif found != wanted:
         differing = differences(_parsed(found, layout), config.canonical())
         if differing:
@@ -167,7 +167,16 @@ def _explained(layout: Layout, differing: list[str]) -> str:
     )
 
 
-def _refuse_strangers(layout: Layout) -> None:
+def refuse_strangers(layout: Layout) -> None:
+    """Refuse a folder that holds anything, but no data set.
+
+    Raises:
+        InputError: names what it holds.
+    """
+    if layout.config.is_file():
+        if not {"n_samples", "samples_per_shard"} <= _parsed(layout.config.read_bytes(), layout).keys():
+            raise InputError(f"{str(layout.config)!r} is no data set's; give an empty folder")
+        return
     strangers = sorted(entry.name for entry in layout.root.iterdir() if not entry.name.startswith("."))
     if strangers:
         raise InputError(

@@ -19,13 +19,14 @@ import json
 import os
 import secrets
 import socket
+import stat
 import threading
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from warp_caustics.errors import MismatchError
+from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io import durable
 from warp_caustics.io.durable import TEMPORARY_PREFIX, explained, restarted
 
@@ -35,6 +36,8 @@ GRACE_S = 60.0
 
 _UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 _SETTLE_S = 0.2
+_LEASE = b'{"host"'
+"""How the content of a lock file begins."""
 
 
 class BuildLock:
@@ -57,8 +60,16 @@ class BuildLock:
 
     def __enter__(self) -> "BuildLock":
         try:
-            self._descriptor = restarted(lambda: durable.CALLS.open(self._path, os.O_RDWR | os.O_CREAT))
+            # Through a link the lease would be written over somebody else's file.
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
             try:
+                self._descriptor = restarted(lambda: durable.CALLS.open(self._path, flags))
+            except OSError as error:
+                if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+                    raise self._foreign() from error
+                raise
+            try:
+                self._check_kind()
                 self._acquire()
             except BaseException:
                 os.close(self._descriptor)
@@ -121,6 +132,18 @@ class BuildLock:
             time.sleep(_SETTLE_S)
         if not self._is_mine():
             raise self._refusal("wait for it or stop it")
+
+    def _check_kind(self) -> None:
+        """Refuse a file that no builder wrote: its content would be lost."""
+        if not stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            raise self._foreign()
+        data = os.pread(self._descriptor, 4096, 0).strip(b"\0")
+        # A lease may be cut off.
+        if data and not (data.startswith(_LEASE) or _LEASE.startswith(data)):
+            raise self._foreign()
+
+    def _foreign(self) -> InputError:
+        return InputError(f"{str(self._path)!r} is in the place of the lock, but no lock; move it away")
 
     def _refusal(self, action: str) -> MismatchError:
         return MismatchError(f"{str(self._path.parent)!r} is being built by {self._owner()}; {action}")

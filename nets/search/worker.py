@@ -47,7 +47,7 @@ class FileLock:
     """
 
     def __init__(self, path: Path):
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
 
     def acquire(self) -> None:
         fcntl.flock(self._file, fcntl.LOCK_EX)

@@ -15,8 +15,11 @@ import torch
 
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import atomic_path, regular_file
+from warp_caustics.io.durable import sweep
 
 LAST, PREVIOUS, BEST = "last.ckpt", "previous.ckpt", "best.ckpt"
+LINK = f".{PREVIOUS}.new"
+"""For a moment another name of the checkpoint before."""
 DIGEST_BYTES = 32
 
 
@@ -31,7 +34,7 @@ def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
         _write(temporary, state)
         # A crash after this leaves the state before under both names.
         if (folder / LAST).exists():
-            link = folder / f".{PREVIOUS}.new"
+            link = folder / LINK
             link.unlink(missing_ok=True)
             os.link(folder / LAST, link)
             os.replace(link, folder / PREVIOUS)
@@ -45,8 +48,8 @@ def save_best(folder: Path, state: dict[str, Any]) -> None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove what a killed process had not finished writing; a checkpoint may take hundreds of megabytes."""
-    for path in (*folder.glob(".tmp-*"), *folder.glob(".*.new")):
-        path.unlink(missing_ok=True)
+    sweep(folder)
+    (folder / LINK).unlink(missing_ok=True)
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

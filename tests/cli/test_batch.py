@@ -15,6 +15,7 @@ import pytest
 import nets.reconstruct
 from cli.inputs import image_list
 from cli.main import main
+from cli.marker import MARKER
 from cli.results import FILES, UNCERTAINTY_FILES
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import read_heights
@@ -73,8 +74,8 @@ def test_one_bad_image_does_not_stop_the_others(fake, no_pages, images, tmp_path
     shutil.rmtree(out)
     assert batch(images, "-o", out) == 3
     assert len(fake) == 2
-    assert sorted(os.listdir(out)) == ["a", "c", "summary.csv"]
-    assert sorted(os.listdir(out / "c")) == sorted(FILES)
+    assert sorted(os.listdir(out)) == [MARKER, "a", "c", "summary.csv"]
+    assert sorted(os.listdir(out / "c")) == sorted((*FILES, MARKER))
     table = rows(out)
     assert [(row["image"][-5:], row["status"], row["exit_code"]) for row in table] == [
         ("a.tif", "done", "0"), ("b.tif", "failed", "3"), ("c.tif", "done", "0"),
@@ -126,7 +127,7 @@ def test_ctrl_c_keeps_the_image_at_hand_and_ends_the_batch(fake, no_pages, image
 
     monkeypatch.setattr(cli.job.Job, "run", interrupted)
     assert batch(images, "-o", tmp_path / "out") == 130
-    assert sorted(os.listdir(tmp_path / "out")) == ["a", "summary.csv"]
+    assert sorted(os.listdir(tmp_path / "out")) == [MARKER, "a", "summary.csv"]
     assert rows(tmp_path / "out")[0]["status"] == "interrupted"
 
 
@@ -188,7 +189,7 @@ def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monke
         patch.setattr(cli.job, "make_method", made)
         assert batch(*arguments) == 0
     out = tmp_path / "out"
-    assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES))
+    assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES, MARKER))
     np.testing.assert_array_equal(read_heights(out / "uncertainty.npy"), sigma)
     np.testing.assert_allclose(read_heights(out / "uncertainty.tif"), sigma, rtol=1e-6)
     assert (out / "uncertainty.png").read_bytes().startswith(b"\x89PNG")
@@ -197,7 +198,7 @@ def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monke
     assert 0 < record["within_one"] < record["within_two"] + 1e-9 < 1
     assert "uncertain  " in capsys.readouterr().out
     assert batch(*arguments, "--force") == 0
-    assert sorted(os.listdir(out)) == sorted(FILES)
+    assert sorted(os.listdir(out)) == sorted((*FILES, MARKER))
     assert json.loads((out / "result.json").read_text())["uncertainty"] is None
 
 

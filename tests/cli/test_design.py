@@ -9,6 +9,7 @@ import trimesh
 
 from cli.design import DESIGN_FILES
 from cli.main import main
+from cli.marker import MARKER
 from warp_caustics.io.images import read_image
 
 SMALL = (
@@ -54,7 +55,7 @@ def record_of(folder):
 
 
 def test_folder_holds_its_files(made):
-    assert {path.name for path in made.iterdir()} == set(DESIGN_FILES)
+    assert {path.name for path in made.iterdir()} == {*DESIGN_FILES, MARKER}
     assert [path.name for path in made.parent.iterdir() if path.name.startswith(".")] == []
 
 
@@ -161,7 +162,7 @@ def test_ctrl_c_keeps_the_best_relief_so_far(made, tmp_path, capsys, monkeypatch
     monkeypatch.setattr(Console, "progress", impatient)
     assert design(made.parent / "letter.png", tmp_path / "out") == 130
     assert "interrupted; the best relief so far is in" in capsys.readouterr().err
-    assert {path.name for path in (tmp_path / "out").iterdir()} == set(DESIGN_FILES)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*DESIGN_FILES, MARKER}
     assert record_of(tmp_path / "out")["stop_reason"] == "interrupted"
 
 

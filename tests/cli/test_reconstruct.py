@@ -13,8 +13,9 @@ import pytest
 import nets.reconstruct
 from cli.config import load_config
 from cli.main import main
+from cli.marker import MARKER
 from cli.output import check_target, result_folder
-from cli.results import FILES
+from cli.results import FILES, RECONSTRUCTION
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import read_heights
 from warp_caustics.io.images import read_image, write_image
@@ -42,7 +43,7 @@ def test_result_folder_is_complete(fake, inputs, tmp_path, relief, capsys):
     assert reconstruct(inputs / "image.tif", tmp_path / "out", *options) == 0
     out = tmp_path / "out"
     assert os.listdir(tmp_path) == ["out"]
-    assert sorted(os.listdir(out)) == sorted(FILES)
+    assert sorted(os.listdir(out)) == sorted((*FILES, MARKER))
     np.testing.assert_array_equal(read_heights(out / "height.npy"), relief)
     np.testing.assert_allclose(read_heights(out / "height.tif"), relief, atol=1e-10)
     assert load_config(str(out / "config.resolved.yaml")) == load_config("small")
@@ -294,16 +295,22 @@ def test_impossible_targets_are_refused(tmp_path, monkeypatch, target):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(InputError):
-        check_target("../file" if target == "file" else target, True, FILES)
+        check_target("../file" if target == "file" else target, True, RECONSTRUCTION)
 
 
 def test_a_folder_filled_meanwhile_is_not_replaced(tmp_path):
-    target = check_target(tmp_path / "out", False, FILES)
-    with pytest.raises(InputError, match="other files"), result_folder(target, False, FILES) as folder:
+    target = check_target(tmp_path / "out", False, RECONSTRUCTION)
+    with (
+        pytest.raises(InputError, match="other files") as found,
+        result_folder(target, False, RECONSTRUCTION) as folder,
+    ):
         (folder / "height.npy").write_text("new")
         target.mkdir()
         (target / "notes.txt").write_text("mine")
-    assert os.listdir(tmp_path) == ["out"] and os.listdir(target) == ["notes.txt"]
+    assert os.listdir(target) == ["notes.txt"]
+    (kept,) = (path for path in tmp_path.iterdir() if path.name != "out")
+    assert kept.name.startswith("out.") and str(kept) in str(found.value)
+    assert (kept / "height.npy").read_text() == "new"  # what was computed is not lost
 
 
 def assert_one_line(capsys, reason):

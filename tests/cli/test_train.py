@@ -45,7 +45,7 @@ def test_a_run_its_continuation_and_its_record(tmp_path, capsys):
     assert "validation RMSE" in captured.err
     names = {path.name for path in run.iterdir()}
     expected = {"config.resolved.yaml", "metrics.csv", "checkpoints", "pictures", "tensorboard", "weights.safetensors"}
-    assert names == expected
+    assert names == expected | {".lock", ".nsfc.json"}
     resolved = yaml.safe_load((run / "config.resolved.yaml").read_text())
     assert resolved["kind"] == "direct" and resolved["training"]["total_steps"] == 8
     assert train("direct", "-o", run, "--resume", "--device", "cpu", "--json") == 0

@@ -128,6 +128,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
 
 def write_text(path: PathLike, text: str) -> None:
-    """Write UTF-8 text, complete or not at all; errors as of :func:`atomic_path`."""
+    """Write UTF-8 text, complete or not at all; errors as of :func:`atomic_path`.
+
+    Names of files that are no text are spelled with backslashes: a result must not be lost because of its name.
+    """
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")

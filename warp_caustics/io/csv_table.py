@@ -29,7 +29,7 @@ class CsvTable:
             InputError: the folder is missing or not writable.
             ResourceError: the disk is full or broken.
         """
-        with atomic_path(self.path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        with atomic_path(self.path) as temporary, self._open(temporary, "w") as file:
             writer = self._writer(file)
             writer.writeheader()
             writer.writerows(rows)
@@ -40,7 +40,7 @@ class CsvTable:
         Raises:
             ValueError: the row has a column that the table has not.
         """
-        with open(self.path, "a", newline="", encoding="utf-8") as file:
+        with self._open(self.path, "a") as file:
             self._writer(file).writerow(row)
 
     def read(self, *, is_exact: bool = False) -> list[dict[str, str]]:
@@ -54,6 +54,8 @@ class CsvTable:
             DamagedDataError: it is no such table.
         """
         name = repr(str(self.path))
+        if self.path.exists() and not self.path.is_file():
+            raise DamagedDataError(f"{name} is no file; move it away")
         try:
             with open(self.path, newline="", encoding="utf-8") as file:
                 reader = csv.reader(file)
@@ -66,6 +68,19 @@ class CsvTable:
         if is_exact and tuple(header) != self.columns:
             raise DamagedDataError(f"{name} has other columns than this version writes; move it away")
         return rows
+
+    def is_own(self) -> bool:
+        """Whether there is such a table; another file, or a table of other columns, is somebody else's."""
+        try:
+            self.read(is_exact=True)
+        except (OSError, DamagedDataError):
+            return False
+        return True
+
+    @staticmethod
+    def _open(path: Path, mode: str) -> Any:
+        # A name of a file need not be text; a table with such a name must be written all the same.
+        return open(path, mode, newline="", encoding="utf-8", errors="backslashreplace")
 
     def _writer(self, file: Any) -> "csv.DictWriter[str]":
         return csv.DictWriter(file, self.columns, lineterminator=self._line_end)

@@ -8,6 +8,7 @@ or a power failure is then either the old state or the new one.
 import errno
 import hashlib
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from typing import TypeVar
 from warp_caustics.errors import CausticsError, InputError, ResourceError
 
 TEMPORARY_PREFIX = ".tmp-"
+_TEMPORARY = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}[0-9a-f]{{16}}(\.[^/]*)?\Z")
 
 _WRITE_BYTES = 16 * 2**20
 _DISK = {
@@ -106,7 +108,7 @@ def settle(temporary: Path, target: Path) -> None:
     finally:
         _close(descriptor)
     restarted(lambda: CALLS.replace(temporary, target))
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def temporary_name(target: Path, suffix: str = "") -> Path:
@@ -114,12 +116,17 @@ def temporary_name(target: Path, suffix: str = "") -> Path:
     return target.with_name(f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}")
 
 
+def is_temporary(name: str) -> bool:
+    """Whether :func:`temporary_name` made a name; others that merely begin alike belong to somebody else."""
+    return _TEMPORARY.match(name) is not None
+
+
 def remove(path: Path) -> None:
     """Remove a file if it is there, durably."""
     try:
         with suppress(FileNotFoundError):
             CALLS.unlink(path)
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         raise explained(error, path, 0) from error
 
@@ -133,7 +140,7 @@ def make_folder(path: Path) -> None:
             if not path.is_dir():
                 raise InputError(f"{str(path)!r} is a file; give a folder") from None
             return
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except FileNotFoundError:
         raise InputError(f"folder {str(path.parent)!r} does not exist; create it first") from None
     except OSError as error:
@@ -144,7 +151,7 @@ def sweep(*folders: Path) -> None:
     """Remove what killed writers left. Call only where nobody else is writing."""
     for folder in folders:
         for entry in list(os.scandir(folder)) if folder.is_dir() else ():
-            if entry.name.startswith(TEMPORARY_PREFIX):
+            if is_temporary(entry.name) and entry.is_file(follow_symlinks=False):
                 with suppress(FileNotFoundError):
                     os.unlink(entry.path)
 
@@ -182,7 +189,7 @@ def _publish_once(target: Path, view: memoryview, reread: bool) -> None:
             os.unlink(temporary)
         raise
     try:
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
     except OSError as error:
         if error.errno == errno.EIO:
             raise _Unreliable(error.errno, error.strerror) from error
@@ -237,7 +244,8 @@ def _rename(temporary: Path, target: Path, view: memoryview) -> None:
             raise
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Make names that were given or taken in a folder last through a power failure."""
     descriptor = restarted(lambda: CALLS.open(folder, os.O_RDONLY))
     try:
         restarted(lambda: CALLS.fsync(descriptor))

@@ -9,6 +9,7 @@ import pytest
 
 from cli.inspection.files import OWN_FILES
 from cli.main import main
+from cli.marker import MARKER
 from cli.results import FILES, UNCERTAINTY_FILES
 from warp_caustics.io.heights import read_heights
 from warp_caustics.io.mesh import height_field_mesh, write_mesh
@@ -29,7 +30,7 @@ def defect():
 def test_a_good_plate_passes_and_leaves_everything_behind(fake, inputs, lines_csv, tmp_path, capsys):
     out = tmp_path / "out"
     assert inspect(inputs / "image.tif", "--nominal", lines_csv, "-o", out) == 0
-    assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES, *OWN_FILES))
+    assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES, *OWN_FILES, MARKER))
     record = json.loads((out / "inspection.json").read_text())
     assert record["verdict"] == "pass" and record["tolerance_m"] == pytest.approx(5e-5)
     assert record["inputs"]["nominal"]["path"] == str(lines_csv)

@@ -12,6 +12,7 @@ import cli.inspection.series
 from cli.inspection.plates import COLUMNS
 from cli.inspection.watch import Watcher
 from cli.main import main
+from cli.marker import MARKER
 
 CONFIG = ("--config", "small", "--device", "cpu", "--tolerance", "50um")
 
@@ -49,7 +50,7 @@ def test_one_row_per_plate_and_a_bad_image_stops_nothing(fake, plates, lines_csv
         ("a.tif", "done", "pass", "0"), ("b.tif", "failed", "", "3"), ("c.tif", "done", "pass", "0"),
     ]  # fmt: skip
     assert "b.tif" in table[1]["error"] and float(table[0]["volume_mm3"]) > 0
-    assert sorted(os.listdir(out)) == ["a", "c", "plates.csv", "trend.png"]
+    assert sorted(os.listdir(out)) == [MARKER, "a", "c", "plates.csv", "trend.png"]
     assert (out / "trend.png").read_bytes().startswith(b"\x89PNG")
 
 

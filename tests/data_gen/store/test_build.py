@@ -28,7 +28,7 @@ def test_finished_set_is_left_alone(copied, tmp_path):
 def test_only_what_is_missing_is_made(copied, reference, tmp_path):
     for name in ("shards/00002.h5", "shards/00005.json", "shards/00007.h5", "shards/00007.json", "COMPLETE.json"):
         (copied / name).unlink()
-    (copied / "shards" / ".tmp-0123").write_bytes(b"left by a dead builder")
+    (copied / "shards" / ".tmp-0123456789abcdef").write_bytes(b"left by a dead builder")
     states = []
     report = build(copied, make_config(), factory(log=str(tmp_path / "log")), progress=states.append)
     assert drawn(tmp_path / "log") == [8, 20, 28]
@@ -194,7 +194,7 @@ def test_folder_of_somebody_else_is_not_touched(folder):
     (folder / "thesis.tex").write_text("x")
     with pytest.raises(InputError, match="holds 'thesis.tex' but no config.json"):
         build(folder, make_config(), factory())
-    assert {path.name for path in folder.iterdir()} == {"thesis.tex", ".lock"}
+    assert {path.name for path in folder.iterdir()} == {"thesis.tex"}
 
 
 def test_missing_parent_and_file_instead_of_folder(folder):

@@ -13,7 +13,7 @@ from store_synthetic import factory, make_config, shard_bytes
 
 from data_gen.store import build, builder, lock
 from data_gen.store.lock import GRACE_S, BuildLock
-from warp_caustics.errors import CausticsError, MismatchError
+from warp_caustics.errors import CausticsError, InputError, MismatchError
 
 
 @pytest.fixture
@@ -104,15 +104,15 @@ def test_builder_that_was_taken_for_dead_stops_and_leaves_files_of_the_other_alo
     def take_over(state):
         if state.done == 8:
             write_lease(path, 0)
-            (path.parent / "shards" / ".tmp-theirs").touch()
+            (path.parent / "shards" / ".tmp-00000000000000ab").touch()
 
     with pytest.raises(MismatchError, match="node17 took over"):
         build(path.parent, make_config(), factory(), progress=take_over)
-    assert (path.parent / "shards" / ".tmp-theirs").exists() and len(shard_bytes(path.parent)) == 2
+    assert (path.parent / "shards" / ".tmp-00000000000000ab").exists() and len(shard_bytes(path.parent)) == 2
     # The next one waits for nobody once the other is silent, and cleans up.
     os.utime(path, (0, 0))
     build(path.parent, make_config(), factory())
-    assert not (path.parent / "shards" / ".tmp-theirs").exists()
+    assert not (path.parent / "shards" / ".tmp-00000000000000ab").exists()
 
 
 def test_without_flock_the_lease_alone_keeps_others_out(path, monkeypatch):
@@ -124,7 +124,7 @@ def test_without_flock_the_lease_alone_keeps_others_out(path, monkeypatch):
         BuildLock(path).__enter__()
 
 
-@pytest.mark.parametrize("content", [b"{", b"[]", b"\xff\xfe", b'"x"'])
+@pytest.mark.parametrize("content", [b"{", b'{"host": "a', b'{"host": 3}'])
 def test_unreadable_lease_is_someones(path, content):
     path.write_bytes(content)
     with pytest.raises(MismatchError, match="unknown"):
@@ -174,3 +174,28 @@ def build_and_note(place, errors):
         build(place, make_config(), factory())
     except Exception as error:
         errors.append(error)
+
+
+@pytest.mark.parametrize("content", [b"[]", b"\xff\xfe", b'"x"', b"my notes\n"])
+def test_a_file_of_somebody_else_is_no_lock(path, content):
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="in the place of the lock"):
+        BuildLock(path).__enter__()
+    assert path.read_bytes() == content
+
+
+def test_a_link_in_the_place_of_the_lock_is_not_followed(path, tmp_path):
+    victim = tmp_path / "thesis.tex"
+    victim.write_text("years of work")
+    path.symlink_to(victim)
+    with pytest.raises(InputError, match="in the place of the lock"):
+        BuildLock(path).__enter__()
+    assert victim.read_text() == "years of work" and path.is_symlink()
+
+
+def test_nothing_is_locked_before_the_folder_is_known_as_ours(folder):
+    folder.mkdir()
+    (folder / "config.json").write_text('{"name": "somebody\'s app"}')
+    with pytest.raises(InputError, match="is no data set's; give an empty folder"):
+        build(folder, make_config(), factory())
+    assert [path.name for path in folder.iterdir()] == ["config.json"]

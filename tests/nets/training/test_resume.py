@@ -146,7 +146,7 @@ def test_rows_of_a_lost_life_are_dropped(run_config, train, tmp_path):
     shutil.move(tmp_path / "kept", folder / "checkpoints")
     with open(folder / "metrics.csv", "a") as file:
         file.write("8,1,2.5")  # the computer stopped while writing
-    (folder / "checkpoints" / ".tmp-0123.ckpt").write_bytes(b"half")
+    (folder / "checkpoints" / ".tmp-0123456789abcdef.ckpt").write_bytes(b"half")
     train(run_config, folder, max_steps=4, resume=True)
     assert not list((folder / "checkpoints").glob(".*"))
     assert [row["step"] for row in read_metrics(folder)] == ["2", "4", "4"]
