@@ -219,7 +219,7 @@ def make_result(
     simulated, residual = resimulation(heights)
     simulator = resimulation.simulator
     image = simulated.cpu().numpy() * resimulation.exposure.astype(np.float32)[:, None, None]
-    energy = energy_budget(simulator, resimulation.relief(heights))
+    energy = energy_budget(simulator, resimulation.relief(heights), simulated)
     trust = resimulation.trust(heights)
     return Reconstruction(
         method=method,
