@@ -48,6 +48,12 @@ SECTIONS = ("cosine", "quarter")
 @click.option(
     "-o", "--output", type=click.Path(), required=True, help="Folder for the result, or for those of many plates."
 )
+@click.option(
+    "--max-height",
+    metavar="LENGTH",
+    type=length,
+    help="Highest DESIGN that is believed, e.g. 12mm. [default: three times the plate's thickness]",
+)
 @click.option("--mask", type=click.Path(), help="Image or height map of the plate; only where it is not 0 is judged.")
 @click.option("--margin", metavar="LENGTH", type=length, default="0", help="Border that is not judged, e.g. 1mm.")
 @click.option(
@@ -71,6 +77,7 @@ def inspect(
     section: "Section",
     tolerance: float,
     output: str,
+    max_height: float | None,
     mask: str | None,
     margin: float,
     density: float | None,
@@ -106,7 +113,7 @@ def inspect(
     found = images[0] if watch is not None else image_list(images)
     config = load_config(config_source, settings, {})
     capture_settings(capture)  # what is wrong with it is wrong for every image
-    design = read_nominal(nominal, config.scene, section)
+    design = read_nominal(nominal, config.scene, section, highest_m=max_height)
     if find_lines:
         design = with_lines(design, nominal, config.scene)
     files = {"nominal": nominal} | ({} if mask is None else {"mask": mask})

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,7 @@ def result_record(result: "Reconstruction", inputs: Inputs, config: Config) -> d
     """Everything about a result but its arrays."""
     reference, plate = inputs.reference, config.scene.plate_size_m
     return {
+        "trust": None if result.trust is None else asdict(result.trust),
         "method": result.method,
         "residual": result.residual,
         "stop_reason": result.stop_reason,
@@ -53,6 +55,7 @@ def result_record(result: "Reconstruction", inputs: Inputs, config: Config) -> d
         if reference is None or inputs.initial is None
         else height_errors(inputs.initial, reference, plate),
         "uncertainty": uncertainty_record(result, reference),
+        "no_uncertainty": result.no_uncertainty or None,
         "height_range_m": [result.heights_m.min(), result.heights_m.max()],
         "timings_s": result.timings_s,
         "counters": result.counters,
@@ -139,6 +142,11 @@ def _figures(result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
     return figures
 
 
+def trust_lines(record: Mapping[str, Any]) -> list[str]:
+    """How far a result is to be believed: the first line of every summary; none for a result that was not asked."""
+    return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
+
+
 def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
     """A few lines for people."""
     files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
@@ -146,6 +154,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         files = (*files, *FIBRE_FILES)
     low, high = (height * 1e3 for height in record["height_range_m"])
     lines = [
+        *trust_lines(record),
         f"result     {output}: {', '.join(files)}",
         f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
         f"stopped by {result.stop_reason.replace('_', ' ')}",
@@ -166,6 +175,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
             f"uncertain  {found['rms_um']:.3g} um (root mean square), 95 % of the plate below "
             f"{found['quantile95_um']:.3g} um"
         )
+    elif record["no_uncertainty"]:
+        lines.append(f"uncertain  none, because {record['no_uncertainty']}")
     if record["initial_errors"]:
         lines.append(f"start      RMSE {record['initial_errors']['rmse_um']:.4g} um")
     return lines

@@ -13,6 +13,9 @@ from warp_caustics.device import start_device
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
 
+LEAST_OVER_BORDER = 1e-4
+"""Share of the light beyond the image's border that is worth a word."""
+
 
 @click.command()
 @click.argument("heights", type=click.Path())
@@ -58,17 +61,19 @@ def simulate(
 
     import torch
 
-    from warp_caustics.energy import energy_budget
+    from warp_caustics.energy import check_reaches, energy_budget
     from warp_caustics.simulator import CausticSimulator
 
     simulator = CausticSimulator(config.scene, device=start_device(device), **config.simulation.model_dump())
     on_device = torch.tensor(relief, dtype=simulator.dtype, device=simulator.device)
     start = time.perf_counter()
-    image = simulator(on_device).cpu().numpy()
+    on_screen = simulator(on_device)
+    image = on_screen.cpu().numpy()
     elapsed_s = time.perf_counter() - start
+    budget = energy_budget(simulator, on_device, on_screen)
+    check_reaches(budget)
     write_image(output, image, wavelengths_m=config.scene.wavelengths_m, pixel_size_m=config.scene.pixel_size_m)
 
-    budget = energy_budget(simulator, on_device)
     console = Console(as_json)
     record: dict[str, Any] = {
         "output": output,
@@ -92,10 +97,13 @@ def simulate(
 
 def energy_lines(budget: dict[str, Any]) -> list[str]:
     """What became of the light, one line per wavelength."""
-    fates = [key for key in budget if key not in ("wavelengths_m", "emitted_W")]
+    fates = [key for key in budget if key not in ("wavelengths_m", "emitted_W", "over_border")]
     lines = []
     for channel, wavelength in enumerate(budget["wavelengths_m"]):
         parts = [f"{100 * budget[fate][channel]:.4g} % {fate.replace('_', ' ')}" for fate in fates]
+        if budget.get("over_border", [0.0] * (channel + 1))[channel] >= LEAST_OVER_BORDER:
+            over = budget["over_border"][channel]
+            parts[0] += f" (of it {100 * over:.3g} % over the border of the image, by the width of footprints)"
         lines.append(f"light      {wavelength * 1e9:.0f} nm: {', '.join(parts)}")
     return lines
 

@@ -1,7 +1,6 @@
 """``nsfc train``: train a network, or go on training it."""
 
 import os
-import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -31,7 +30,9 @@ EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 @click.option("--initial-weights", type=click.Path(), help="Weights file to start from.")
 @click.option("--resume", is_flag=True, help="Continue the run in the folder from its last checkpoint.")
 @click.option("--force", is_flag=True, help="Delete an earlier run in the folder.")
-@click.option("--max-time", type=duration, metavar="TIME", help="Stop this command after so long, e.g. 8m.")
+@click.option(
+    "--max-time", type=duration, metavar="TIME", help="Train for so long, counted from the first step, e.g. 8m."
+)
 @click.option("--max-steps", type=integer, help="Stop this command when the run has so many steps.")
 @click.option("--total-time", type=duration, metavar="TIME", help="Length of the whole run, over several commands.")
 @click.option("--total-steps", type=integer, help="The same in steps; cosine decay ends there.")
@@ -69,7 +70,6 @@ def train(
     Samples come from the data set DATA, or are simulated (--fresh). Without --total-time and --total-steps,
     --max-time or --max-steps of the first command is the length of the run. Ctrl-C ends with a checkpoint.
     """
-    start = time.monotonic()
     _check_usage(data, fresh, resume, force, devices, preset, config_source)
     from cli.train_config import new_run, resumed_run
 
@@ -100,7 +100,7 @@ def train(
     if is_first and not resume:
         _check_inputs(output, config, config_source)
     with run_folder(folder, force=force, resume=resume) if is_first else nullcontext():
-        result = _trained(config, folder, console, is_first, where, max_time, max_steps, start, resume)
+        result = _trained(config, folder, console, is_first, where, max_time, max_steps, resume)
     if is_first:
         console.line(*summary(output, result))
         console.record({"output": output, **_record(result), "config": config.model_dump(mode="json")})
@@ -160,7 +160,6 @@ def _trained(
     where: tuple[str, int],
     max_time: float | None,
     max_steps: int | None,
-    start: float,
     resume: bool,
 ) -> "TrainingResult":
     from cli.config import dump_config
@@ -173,7 +172,7 @@ def _trained(
     if is_first:
         write_text(folder / RESOLVED, dump_config(config))
     fabric = launched(*where)
-    limits = Limits(max_steps, start + max_time if max_time is not None else None)
+    limits = Limits(max_steps, max_time_s=max_time)
     with training_observer(console, is_first) as observer:
         return fit(config, folder, fabric, observer, limits, resume=resume)
 

@@ -5,11 +5,17 @@ from typing import Any
 import torch
 
 from warp_caustics.chunked import warp_stream
+from warp_caustics.errors import InputError
 from warp_caustics.kernels.trace import FATE_NAMES
 from warp_caustics.simulator import CausticSimulator
 
+OVER_BORDER = "over_border"
+"""Key of a budget: light of footprints that reach over the border of the image."""
 
-def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[str, Any]:
+
+def energy_budget(
+    simulator: CausticSimulator, heights: torch.Tensor, image: torch.Tensor | None = None
+) -> dict[str, Any]:
     """Account of the light of one simulation, by the fate of each path.
 
     Traced and summed in float64 whatever the simulator's precision: a float32
@@ -18,15 +24,20 @@ def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[st
     Args:
         simulator: its scene, photons and device are used.
         heights: relief above the base [m], shape [n, n].
+        image: their caustic by the same simulator [W/m^2], shape [n_w, m, m]; None leaves ``over_border`` out.
 
     Returns:
         ``wavelengths_m``; ``emitted_W``, the light that falls on the plate [W]
         (collimated: area times radiosity; point source: what its cone sends
         onto the relief); for each fate of :data:`FATE_NAMES` the fraction of the
         emitted light, one number per wavelength. A fate counts the path's
-        centre; the footprint around a path that landed near the border may
-        still reach over it. For a point source ``unlit`` counts paths instead
-        of light, because they carry none.
+        centre; ``over_border`` is the part of the landed light that is not in
+        the image, because footprints of paths near the border reach over it:
+        the image holds ``landed - over_border``. For a point source ``unlit``
+        counts paths instead of light, because they carry none.
+
+    Raises:
+        InputError: no light falls on the plate.
     """
     engine = simulator.engine.in_double_precision
     scene = simulator.scene
@@ -48,12 +59,40 @@ def energy_budget(simulator: CausticSimulator, heights: torch.Tensor) -> dict[st
         emitted = torch.full((channels,), scene.plate_area_m2 / (pixel_x * pixel_y), dtype=torch.float64)
     else:
         emitted = light.sum(1).cpu()
+        if not bool((emitted > 0).all()):
+            raise InputError(
+                f"none of {engine.plan.count} light paths meets the part of the plate that the light's cone of half-angle "
+                f"{scene.emission_half_angle_rad:g} rad reaches from {list(scene.light_position_m)} m; move the light, "
+                "widen the cone, or raise --n-photons"
+            )
     fractions = light.cpu() / emitted[:, None]
     unlit = FATE_NAMES.index("unlit")
     fractions[:, unlit] = paths[:, unlit].cpu() / engine.plan.count
     radiosity = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)
-    return {
+    emitted_W = emitted * radiosity * pixel_x * pixel_y
+    budget: dict[str, Any] = {
         "wavelengths_m": list(scene.wavelengths_m),
-        "emitted_W": (emitted * radiosity * pixel_x * pixel_y).tolist(),
+        "emitted_W": emitted_W.tolist(),
         **{name: fractions[:, k].tolist() for k, name in enumerate(FATE_NAMES)},
     }
+    if image is not None:
+        in_image = image.detach().double().sum(dim=(1, 2)).cpu() * pixel_x * pixel_y
+        landed = fractions[:, FATE_NAMES.index("landed")]
+        over = torch.where(emitted_W > 0, landed - in_image / torch.where(emitted_W > 0, emitted_W, 1.0), 0.0)
+        budget[OVER_BORDER] = over.clamp_min(0.0).tolist()
+    return budget
+
+
+def check_reaches(budget: dict[str, Any]) -> None:
+    """Refuse a simulation whose image is black.
+
+    Raises:
+        InputError: no light lands in the image.
+    """
+    if any(budget["landed"]):
+        return
+    told = ", ".join(f"{100 * max(budget[name]):.3g} % {name.replace('_', ' ')}" for name in FATE_NAMES[1:])
+    raise InputError(
+        f"no light reaches the image ({told}): it would be black; check scene.screen_position_m and "
+        "scene.light_position_m, or whether heights are metres"
+    )

@@ -19,6 +19,8 @@ from warp_caustics.strict import Finite, Strict
 MIN_PHYSICAL_INDEX, MAX_PHYSICAL_INDEX = 1.0, 4.0
 MAX_LENGTH_M = 10.0
 MAX_PLATE_M = 1.0
+MIN_RADIOSITY_W_M2, MAX_RADIOSITY_W_M2 = 1e-12, 1e12
+"""Beyond, squares of an irradiance leave 32-bit floats."""
 
 
 def _check_index(value: str | float) -> str | float:
@@ -49,8 +51,18 @@ def _check_plate_length(value: float) -> float:
     return value
 
 
+def _check_radiosity(value: float) -> float:
+    if value != 0 and not MIN_RADIOSITY_W_M2 <= value <= MAX_RADIOSITY_W_M2:
+        raise ValueError(
+            f"{value:g} W/m^2 is neither 0 nor between {MIN_RADIOSITY_W_M2:g} and {MAX_RADIOSITY_W_M2:g} W/m^2; "
+            "sunlight has 1000, and 1 suits an image that is not calibrated"
+        )
+    return value
+
+
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
 PlateLength = Annotated[Finite, AfterValidator(_check_plate_length)]
+Radiosity = Annotated[Finite, AfterValidator(_check_radiosity)]
 Medium = Annotated[str | Finite, AfterValidator(_check_index)]
 
 
@@ -69,7 +81,7 @@ class Scene(Strict):
     """(h_x, h_y): extent of the plate along x and y [m]; the image window has the same size."""
     wavelengths_m: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64)] = (610e-9, 530e-9, 430e-9)
     """Wavelengths [m], shape [n_w]; their order is the order of the image channels."""
-    radiosity_W_m2: tuple[Annotated[Finite, Field(ge=0)], ...] = (1.0, 1.0, 1.0)
+    radiosity_W_m2: tuple[Radiosity, ...] = (1.0, 1.0, 1.0)
     """L_i: irradiance that a flat plate lets through, per wavelength [W/m^2], shape [n_w]."""
     emission_half_angle_rad: Annotated[Finite, Field(ge=0, lt=math.pi / 2)] = 0.0
     """alpha: 0 is collimated light; above 0 a point source at ``light_position_m`` lights a cone of this half-angle."""
@@ -120,6 +132,18 @@ class Scene(Strict):
                 f"light at z = {self.light_position_m[2]:g} m is inside or below the plate "
                 f"(top at {self.base_thickness_m:g} m); raise it"
             )
+        if self.emission_half_angle_rad > 0:
+            lit = (self.light_position_m[2] - self.base_thickness_m) * math.tan(self.emission_half_angle_rad)
+            beside = [
+                max(0.0, abs(at) - size / 2)
+                for at, size in zip(self.light_position_m[:2], self.plate_size_m, strict=True)
+            ]
+            if math.hypot(*beside) >= lit:
+                raise ValueError(
+                    f"light misses the plate by {math.hypot(*beside) - lit:.3g} m: its cone lights a disc of radius "
+                    f"{lit:.3g} m around ({self.light_position_m[0]:g}, {self.light_position_m[1]:g}) m; move "
+                    "scene.light_position_m above the plate, or raise scene.emission_half_angle_rad"
+                )
         if self.glass_indices.count(1.0):
             raise ValueError("a glass of index 1 refracts no light; give an index above 1")
         return self

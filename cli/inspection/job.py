@@ -13,7 +13,7 @@ from cli.inputs import read_files, read_inputs
 from cli.inspection.files import INSPECTION, inspection_record, write_inspection
 from cli.output import result_folder
 from cli.provenance import file_records, file_sha256
-from cli.results import result_record, write_results
+from cli.results import result_record, trust_lines, write_results
 from warp_caustics.capture.settings import capture_files, capture_settings, is_capture_file
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_FAILED
@@ -140,7 +140,7 @@ class InspectionJob:
         Raises:
             KeyboardInterrupt: Ctrl-C; nothing is written, a measurement cut short judges no plate.
         """
-        from warp_caustics.inspection.judge import judge_plate
+        from warp_caustics.inspection.judge import doubted, judge_plate
 
         console, config = self.console, self.config
         inputs = read_inputs({"image": image, **self.files}, config.scene, capture_settings(self.capture, image))
@@ -164,13 +164,16 @@ class InspectionJob:
                 mask=self.judged,
                 density_kg_m3=self.density_kg_m3,
             )
+            inspection = doubted(inspection, plate.trust)
             result = result_record(plate, inputs, config)
             record = {
                 "image": image,
                 "design": self.nominal.origin,
                 **inspection_record(inspection),
+                "trust": result["trust"],
                 "residual": plate.residual,
                 "uncertainty": result["uncertainty"],
+                "no_uncertainty": result["no_uncertainty"],
                 "timings_s": plate.timings_s,
                 "inputs": inputs.files,
                 "config_fingerprint": config.fingerprint(),
@@ -189,7 +192,7 @@ class InspectionJob:
 def summary(output: str, found: "Inspection", record: Mapping[str, Any]) -> list[str]:
     """A few lines for people."""
     odd = [fibre for fibre in found.fibres if fibre.status != "as designed"]
-    lines = [f"verdict    {found.verdict}", *(f"           {reason}" for reason in found.reasons)]
+    lines = [*trust_lines(record), f"verdict    {found.verdict}", *(f"           {reason}" for reason in found.reasons)]
     lines.append(
         f"deviation  RMS {record['rms_deviation_m'] * 1e6:.3g} um, largest {record['peak_deviation_m'] * 1e6:.4g} um; "
         f"tolerance {found.tolerance_m * 1e6:g} um along the surface's normal"

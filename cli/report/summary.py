@@ -55,6 +55,18 @@ def headline(content: "ReportContent", record: Mapping[str, Any]) -> str:
     return "; ".join(parts) + "."
 
 
+def trust_line(record: Mapping[str, Any]) -> str:
+    """How far the result is to be believed, as a sentence; empty where nothing tells."""
+    line = str(mapping(record.get("trust")).get("line") or "")
+    return f"{line[0].upper()}{line[1:]}." if line else ""
+
+
+def no_uncertainty(record: Mapping[str, Any]) -> str:
+    """Why the result has no uncertainty, as a sentence; empty where it has one."""
+    why = str(record.get("no_uncertainty") or "")
+    return f"Standard uncertainty: none, because {why}." if why else ""
+
+
 def key_figures(content: "ReportContent", record: Mapping[str, Any]) -> list[KeyFigure]:
     """The numbers at the top of the page."""
     figures = _inspection_figures(content) if content.inspection else []

@@ -328,5 +328,6 @@ class _Run:
             settings=self.options.model_dump() | {"free": self.method.free.name, "lines": len(self.lines.designed)},
             warnings=self.warnings,
             uncertainty=sigma,
+            no_uncertainty="no second reconstruction was made that tells how far another lies",
         )
         return FromNominalResult(reconstruction, self.lines.fitted)

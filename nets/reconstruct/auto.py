@@ -120,7 +120,7 @@ class Auto(Reconstructor):
             if start.stop_reason == "interrupted":
                 result = start
             elif start.residual <= FOLDED_RESIDUAL:
-                why += f"; transport explains the image to {start.residual:.1%}, so refine starts there"
+                why += f"; transport leaves {start.residual:.1%} of the image, so refine starts there"
                 result = with_initial(refine.reconstruct(image, initial=start.heights_m, progress=after), start)
             else:
                 why += f"; transport leaves {start.residual:.0%} of the image unexplained, so refine starts from flat"

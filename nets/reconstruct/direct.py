@@ -86,6 +86,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         spread = uncertainty(answers.double(), DIRECT_CALIBRATION)
+        no_spread = self._no_uncertainty(len(answers))
         timings = {"network": log.elapsed_s}
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
         if not interrupted:
@@ -120,8 +121,19 @@ class Direct(Reconstructor):
             counters=counters,
             settings=self.options.model_dump() | {"network": self.network.record},
             warnings=warnings,
-            uncertainty=None if spread is None else spread.cpu().numpy(),
+            uncertainty=None if spread is None or no_spread else spread.cpu().numpy(),
+            no_uncertainty=no_spread,
         )
+
+    def _no_uncertainty(self, answers: int) -> str:
+        """Why a result of so many answers has no uncertainty; empty where it has one."""
+        if answers < 2:
+            why = "the run was cut short" if self.options.symmetries else "symmetries is off"
+            return f"{why}: only answers of several symmetries tell how far they lie apart"
+        few = self.network.few_steps
+        if few is None:
+            return ""
+        return f"the network was trained for {few} steps only, and how far its answers lie apart tells nothing"
 
     @property
     def _trained_shift_px(self) -> float | None:

@@ -60,8 +60,8 @@ def network_result(
     def advice(residual: float) -> Iterator[str]:
         if residual > UNKNOWN_RESIDUAL and reason != "interrupted":
             yield (
-                f"the result explains the image to {residual:.0%} only, printed reliefs as in training to better than "
-                f"{UNKNOWN_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine"
+                f"the result leaves {residual:.0%} of the image unexplained, printed reliefs as in training leave less "
+                f"than {UNKNOWN_RESIDUAL:.0%}; check scene and calibration frames, or try --method refine"
             )
         told = exposure_warning(resimulation.exposure)
         if told is not None and told not in warnings:

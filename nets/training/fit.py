@@ -10,7 +10,7 @@ a GPU the sums of its atomics differ in the last digits).
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +45,13 @@ class Limits:
     Attributes:
         max_steps: optimiser steps of the run, counted from its beginning.
         deadline: ``time.monotonic()`` at which to stop.
+        max_time_s: time from the first step on; however long that takes, it is made. What comes before it (libraries,
+            kernels, validation images) may take minutes on a busy machine, and would leave weights that know nothing.
     """
 
     max_steps: int | None = None
     deadline: float | None = None
+    max_time_s: float | None = None
 
 
 def fit(
@@ -194,7 +197,13 @@ class _Loop:
     # -- the loop ---------------------------------------------------------------------------------------------
 
     def run(self) -> TrainingResult:
-        state, limits, first_step = self.state, self.limits, self.state.step
+        state, first_step = self.state, self.state.step
+        if self.limits.max_time_s is not None:
+            end = time.monotonic() + self.limits.max_time_s
+            ends = [end] if self.limits.deadline is None else [end, self.limits.deadline]
+            self.limits = replace(self.limits, deadline=min(ends))
+        limits = self.limits
+        self.first_step = first_step
         if state.share is None and limits.deadline is not None and limits.max_steps is None:
             left_s = limits.deadline - time.monotonic() - FINAL_SECONDS
             # One clock for all processes: rates and the last step follow from it.
@@ -218,8 +227,11 @@ class _Loop:
                 )
         elif reason == "finished" and state.step % self.steps_per_epoch != 0:
             self._validate()
-        self._save()
-        weights = self._export() if self.is_writing else None
+        # Without a step there is nothing to go on from, and weights would be random numbers.
+        weights = None
+        if state.step > 0:
+            self._save()
+            weights = self._export() if self.is_writing else None
         best = finite_or_none(state.stopping.best)
         return TrainingResult(
             reason, state.step, state.elapsed_s, best, self.task.objective, dict(state.validation), weights
@@ -279,6 +291,8 @@ class _Loop:
 
     def _is_late(self, now: float) -> bool:
         deadline = self.limits.deadline
+        if self.limits.max_time_s is not None and self.state.step == self.first_step:
+            return False
         return deadline is not None and now >= deadline - FINAL_SECONDS / 2
 
     # -- now and then -----------------------------------------------------------------------------------------

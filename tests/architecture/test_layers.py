@@ -33,7 +33,9 @@ LAYERS = {
         "inspection design",
     ),
     "warp_caustics.reconstruct": (
-        "base objective",
+        "objective",
+        "trust",
+        "base",
         "exposure folds volume pyramid run_log",
         "seen_camera",
         "result",

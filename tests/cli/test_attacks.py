@@ -94,9 +94,6 @@ def commands(inputs, tmp_path, monkeypatch):
     folder = tmp_path / "inputs"
     shutil.copytree(inputs, folder)
     shutil.copy(folder / "image.tif", folder / "second.tif")
-    import cli.compare
-    import cli.search
-    import cli.train
 
     class Reached(InputError):
         """What a long part raises: it was begun, the folder was taken for one that may be written."""

@@ -72,6 +72,21 @@ def test_refine_recovers_a_weak_relief(inputs, tmp_path):
     assert record["counters"]["energy"]["landed"] == pytest.approx([1, 1, 1])
 
 
+@pytest.mark.parametrize("method", ["refine", "transport"])
+def test_trust_comes_first_and_says_the_same_everywhere(inputs, tmp_path, capsys, method):
+    out = tmp_path / "out"
+    options = "--method", method, "--max-iterations", 3
+    assert reconstruct(inputs / "image.tif", out, *options) == 0
+    lines = capsys.readouterr().out.splitlines()
+    record = json.loads((out / "result.json").read_text())
+    line = record["trust"]["line"]
+    assert next(iter(record)) == "trust" and record["trust"]["left"] == pytest.approx(record["residual"])
+    assert lines[0] == f"trust      {line}"
+    assert f"uncertain  none, because {record['no_uncertainty']}" in lines and record["uncertainty"] is None
+    page = (out / "report.html").read_text()
+    assert page.index(line[1:]) < page.index("Relief from") and "Standard uncertainty: none, because" in page
+
+
 def test_start_from_transport_is_on_record(inputs, tmp_path, capsys):
     """--initial transport: the record names the method of the start, its error, and what it had to say."""
     options = "--initial", "transport", "--max-iterations", 2, "--reference", inputs / "heights.npy"

@@ -124,3 +124,15 @@ def assert_one_line(capsys, reason):
     assert captured.out == ""
     assert captured.err.startswith("error: ") and captured.err.count("\n") == 1, captured.err
     assert reason in captured.err
+
+
+def test_light_over_the_border_is_told(inputs, tmp_path, capsys):
+    """Of few wide footprints the image holds less than what landed."""
+    assert simulate(inputs / "heights.npy", tmp_path / "out.npy", "--preset", "paper", "--n-photons", "2000") == 0
+    assert "% over the border of the image" in capsys.readouterr().out
+
+
+def test_a_black_image_is_not_written(inputs, tmp_path, capsys):
+    out = tmp_path / "out.npy"
+    assert simulate(inputs / "heights.npy", out, "--set", "scene.screen_position_m=[1, 0, -1e-6]") == 3
+    assert "no light reaches the image" in capsys.readouterr().err and not out.exists()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.ndimage
 
 from warp_caustics.errors import InputError
 from warp_caustics.inspection.findings import FibreFinding, Inspection, Region, Verdict
@@ -59,6 +60,9 @@ def inspect_plate(
     for name, array in (("heights", heights_m), ("nominal heights", nominal_m), ("uncertainty", sigma_m)):
         if array is not None and array.shape != (n, n):
             raise InputError(f"{name} have shape {list(array.shape)}, the scene [{n}, {n}]; resample them")
+    for name, array in (("heights", heights_m), ("nominal heights", nominal_m)):
+        if not np.isfinite(array).all():
+            raise InputError(f"{name} are no numbers at {int((~np.isfinite(array)).sum())} places; measure again")
     if not (np.isfinite(tolerance_m) and tolerance_m > 0):
         raise InputError(f"tolerance {tolerance_m:g} m is not above 0; give a length such as 50um")
     judged = np.ones((n, n), bool) if mask is None else mask
@@ -86,6 +90,8 @@ def inspect_plate(
     if sigma_m is None:
         told.append("the method gives no uncertainty; every deviation beyond tolerance counts as certain")
     verdict, reasons = _verdict(parts, fibres, found.undecided, cell, deviation[judged], tolerance_m)
+    if found.specks.any() and verdict != "fail":
+        reasons.append(_speck_reason(found.specks, deviation, smallest_cells, cell))
     if density_kg_m3 is None:
         density_kg_m3 = density(scene.glass)
         if density_kg_m3 is None:
@@ -138,9 +144,19 @@ def _verdict(
     if reasons:
         return "uncertain", reasons
     return "pass", [
-        f"no part of the plate is out of {tolerance_m * 1e6:g} um; RMS deviation "
+        f"no part of the plate that is judged is out of {tolerance_m * 1e6:g} um; RMS deviation "
         f"{np.sqrt(np.mean(deviation_m**2)) * 1e6:.3g} um, largest {np.abs(deviation_m).max() * 1e6:.3g} um"
     ]
+
+
+def _speck_reason(specks: BoolArray, deviation_m: FloatArray, smallest_cells: int, cell_m2: float) -> str:
+    """What a verdict leaves out of account."""
+    parts = scipy.ndimage.label(specks, structure=np.ones((3, 3)))[1]
+    return (
+        f"not judged: {parts} part{'' if parts == 1 else 's'} beyond tolerance (up to "
+        f"{np.abs(deviation_m[specks]).max() * 1e6:.3g} um), each of fewer than {smallest_cells} samples "
+        f"({smallest_cells * cell_m2 * 1e6:.2g} mm^2), which errors of the measurement may be"
+    )
 
 
 def _fibre_reason(fibre: FibreFinding) -> str:

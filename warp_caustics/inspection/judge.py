@@ -1,6 +1,7 @@
 """A plate judged by its design, from the relief that was measured: zone, regions, fibres, verdict."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from warp_caustics.errors import InputError
@@ -11,6 +12,7 @@ from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.fit import FittedLine, fit_design
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.tolerance import line_limit
+from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.scene import Scene
 from warp_caustics.types import BoolArray, FloatArray
 
@@ -79,3 +81,10 @@ def judge_plate(
         section=section,
     )
     return compared(limit_m=zone, fibres=fibres)
+
+
+def doubted(found: Inspection, trust: Trust | None) -> Inspection:
+    """The same, but that no plate passes whose image is not explained by heights that may be wrong by their own size."""
+    if trust is None or not trust.is_beyond_relief or found.verdict != "pass":
+        return found
+    return replace(found, verdict="uncertain", reasons=(f"the image is {trust.line}", *found.reasons))

@@ -13,6 +13,9 @@ from warp_caustics.errors import InputError, MismatchError
 
 LARGEST_LINE_ERROR_M = 2e-6
 """A map is made of lines if they differ from it by no more than this [m]."""
+MOST_THICKNESSES = 3.0
+"""A design higher than so many thicknesses of its plate is taken for one in another unit, unless a person says it is
+not: a line of Tab. 3 is at most 2 mm high, on a plate of 3 mm."""
 
 if TYPE_CHECKING:
     from warp_caustics.prints.line import Line, Section
@@ -45,16 +48,19 @@ class Nominal:
         return cls(relief, tuple(lines), section, _told(lines, section))
 
 
-def read_nominal(path: str, scene: "Scene", section: "Section" = "cosine") -> Nominal:
+def read_nominal(
+    path: str, scene: "Scene", section: "Section" = "cosine", *, highest_m: float | None = None
+) -> Nominal:
     """Read a design on a scene's samples.
 
     Args:
         path: list of lines (.csv, .yaml), solid in millimetres (.stl, .ply, .obj), or height map in metres.
         scene: gives plate size and number of samples.
         section: of the printed lines.
+        highest_m: largest height that is believed [m]; ``MOST_THICKNESSES`` times the plate's thickness if None.
 
     Raises:
-        InputError: a file that cannot be used.
+        InputError: a file that cannot be used, or a design higher than that.
         MismatchError: a solid of another size.
     """
     from warp_caustics.io.heights import read_heights
@@ -64,16 +70,16 @@ def read_nominal(path: str, scene: "Scene", section: "Section" = "cosine") -> No
     n = scene.height_samples
     if is_line_list(path):
         nominal = Nominal.of_lines(read_lines(path), scene, section)
-        return _checked(replace(nominal, origin=f"{nominal.origin} of {path!r}"), path, scene)
+        return _checked(replace(nominal, origin=f"{nominal.origin} of {path!r}"), path, scene, highest_m)
     if is_solid(path):
         how = f"top surface of {path!r}, read as millimetres, above a base of {scene.base_thickness_m * 1e3:g} mm"
-        return _checked(Nominal(read_solid(path, scene), section=section, origin=how), path, scene)
+        return _checked(Nominal(read_solid(path, scene), section=section, origin=how), path, scene, highest_m)
     heights: FloatArray = read_heights(path)
     how = f"height map {path!r}"
     if len(heights) != n:
         how += f", resampled from {len(heights)} to {n} samples per side ({_method(len(heights), n)})"
         heights = resampled(heights, n)
-    return _checked(Nominal(heights, section=section, origin=how), path, scene)
+    return _checked(Nominal(heights, section=section, origin=how), path, scene, highest_m)
 
 
 def with_lines(nominal: Nominal, path: str, scene: "Scene") -> Nominal:
@@ -111,12 +117,19 @@ def _told(lines: "Sequence[Line]", section: "Section") -> str:
     return f"{len(lines)} printed lines" + ("" if section == "cosine" else f" of section {section!r}")
 
 
-def _checked(nominal: Nominal, path: str, scene: "Scene") -> Nominal:
+def _checked(nominal: Nominal, path: str, scene: "Scene", highest_m: float | None) -> Nominal:
     lowest, highest = float(nominal.relief_m.min()), float(nominal.relief_m.max())
     if lowest <= lowest_height_m(scene):
         raise InputError(f"design {path!r} goes {-lowest * 1e3:.4g} mm below the plate's top; check units and base")
     if highest == lowest:
         raise InputError(f"design {path!r} is flat, there is nothing to compare with; check the file and its units")
+    most = MOST_THICKNESSES * scene.base_thickness_m if highest_m is None else highest_m
+    if highest > most:
+        how = f"{MOST_THICKNESSES:g} times the plate's thickness" if highest_m is None else "--max-height"
+        raise InputError(
+            f"design {path!r} is up to {highest * 1e3:.4g} mm high, above {most * 1e3:.4g} mm ({how}); check its "
+            f"units, or say that it is so: --max-height {np.ceil(highest * 1e4) / 10:g}mm"
+        )
     return nominal
 
 

@@ -20,6 +20,9 @@ COVERAGE_FACTOR = 2.0
 SMALLEST_CELLS = 5
 """A connected part of fewer cells is taken for an error of the measurement: its heights are correlated over about
 two cells, so that a single wrong one looks like up to four."""
+SPIKE_LIMITS = 3.0
+"""A deviation that is certainly so many times the largest one allowed is out of tolerance, however small its part of the
+plate is: errors of the measurement are not as high as that and as small."""
 BARE_M = 1e-6
 """A nominal height up to which the plate is bare [m]."""
 FEWEST_BARE = 0.02
@@ -34,11 +37,14 @@ class Zones:
         out: certainly out of tolerance.
         undecided: beyond tolerance or not, the uncertainty does not tell.
         limit_m: largest vertical deviation allowed [m].
+        specks: certainly out of tolerance, but in parts too small to be told from errors of the measurement, and none
+            of them a spike; not judged.
     """
 
     out: BoolArray
     undecided: BoolArray
     limit_m: FloatArray
+    specks: BoolArray
 
 
 def vertical_limit(nominal_m: FloatArray, tolerance_m: float, pitch_m: tuple[float, float]) -> FloatArray:
@@ -94,8 +100,9 @@ def zones(
     """Judge every cell.
 
     A cell is out where |deviation| - k sigma exceeds the limit; it is undecided where |deviation| exceeds the
-    limit but not by k sigma, or where 2 k sigma exceeds it, so that an error as large as the limit could hide.
-    Connected parts of fewer than ``smallest_cells`` are dropped.
+    limit but not by k sigma, or where k sigma exceeds it, so that an error as large as the limit could hide.
+    Connected parts of fewer than ``smallest_cells`` are dropped, unless |deviation| - k sigma exceeds
+    ``SPIKE_LIMITS`` times the limit somewhere in them. Where the uncertainty is no number, nothing is certain.
 
     Args:
         deviation_m: measured minus nominal, level removed [m], shape [n, n].
@@ -107,20 +114,24 @@ def zones(
     """
     if not mask.any():
         raise InputError("the mask leaves nothing of the plate to judge; mark the judged part with values other than 0")
-    sigma = np.zeros_like(limit_m) if sigma_m is None else sigma_m
+    sigma = np.zeros_like(limit_m) if sigma_m is None else np.where(np.isfinite(sigma_m), sigma_m, np.inf)
     size = np.abs(deviation_m)
+    certain = size - coverage * sigma
     beyond = mask & (size > limit_m)
-    out = without_specks(mask & (size - coverage * sigma > limit_m), smallest_cells)
+    wholly_out = mask & (certain > limit_m)
+    out = without_specks(wholly_out, smallest_cells, spikes=mask & (certain > SPIKE_LIMITS * limit_m))
     blind = mask & (coverage * sigma > limit_m)
     undecided = without_specks((beyond | blind) & ~out, smallest_cells)
-    return Zones(out, undecided, limit_m)
+    return Zones(out, undecided, limit_m, wholly_out & ~out & ~undecided)
 
 
-def without_specks(marked: BoolArray, smallest_cells: int) -> BoolArray:
-    """Only connected parts of at least so many cells, diagonal neighbours included."""
-    labels, _ = scipy.ndimage.label(marked, structure=np.ones((3, 3)))
-    sizes = np.bincount(labels.ravel())
-    kept: BoolArray = marked & (sizes[labels] >= smallest_cells)
+def without_specks(marked: BoolArray, smallest_cells: int, spikes: BoolArray | None = None) -> BoolArray:
+    """Only connected parts of at least so many cells, diagonal neighbours included, and those that hold a spike."""
+    labels, count = scipy.ndimage.label(marked, structure=np.ones((3, 3)))
+    is_kept = np.bincount(labels.ravel(), minlength=count + 1) >= smallest_cells
+    if spikes is not None:
+        is_kept[np.unique(labels[spikes & marked])] = True
+    kept: BoolArray = marked & is_kept[labels]
     return kept
 
 

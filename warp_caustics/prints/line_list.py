@@ -3,23 +3,29 @@
 The unit stands in the name of a column or key: start_x, start_y, end_x, end_y,
 width and height, each with _m, _mm or _um, from the plate's centre. CSV has one
 line of names and one row per printed line; YAML is a list of mappings with
-these keys, or a mapping whose key ``lines`` holds it.
+these keys, or a mapping whose key ``lines`` holds it. Numbers are decimal, by the rules of
+:mod:`warp_caustics.io.yaml_file` in both: ``010`` is ten, and ``yes``, ``1:30`` and ``1_0`` are no numbers. Nothing
+may be given twice.
 """
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
+from warp_caustics.io.yaml_file import parsed_yaml
 from warp_caustics.prints.line import MAX_LINES, Line
 
 QUANTITIES = ("start_x", "start_y", "end_x", "end_y", "width", "height")
 UNITS_M = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 SUFFIXES = (".csv", ".yaml", ".yml")
 MAX_BYTES = 10_000_000
+_DECIMAL = re.compile(r"\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*", re.ASCII)
+"""What a cell may hold: Python's float() also takes 1_0, and digits of other scripts."""
 
 
 def read_lines(path: PathLike) -> list[Line]:
@@ -76,6 +82,9 @@ def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
     if not filled:
         return []
     header = [cell.strip() for cell in filled[0][1]]
+    twice = next((column for column in header if header.count(column) > 1), None)
+    if twice is not None:
+        raise InputError(f"{name}, row {filled[0][0]}: column {twice!r} is given twice; keep one")
     rows: list[tuple[str, Mapping[str, Any]]] = []
     for number, row in filled[1:]:
         if len(row) != len(header):
@@ -85,12 +94,7 @@ def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _yaml_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
-    import yaml
-
-    try:
-        tree = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{name} is no YAML ({reason(error)}); check its indentation") from error
+    tree = parsed_yaml(text, name)
     if isinstance(tree, dict) and set(tree) == {"lines"}:
         tree = tree["lines"]
     if tree is None:
@@ -110,12 +114,9 @@ def _line(row: Mapping[str, Any], where: str) -> Line:
             )
         if quantity in values:
             raise InputError(f"{where}: {quantity} is given twice; keep one unit")
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = math.nan
+        number = _number(value)
         if not math.isfinite(number):
-            raise InputError(f"{where}: {column} is {value!r}, not a finite number; mend it")
+            raise InputError(f"{where}: {column} is {value!r}, not a finite number; write for example 1.5")
         values[quantity] = number * UNITS_M[unit]
     missing = [quantity for quantity in QUANTITIES if quantity not in values]
     if missing:
@@ -131,6 +132,18 @@ def _line(row: Mapping[str, Any], where: str) -> Line:
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def _number(value: Any) -> float:
+    """The number that a cell or a YAML scalar holds; NaN where it holds none."""
+    if isinstance(value, str):
+        return float(value) if _DECIMAL.fullmatch(value) else math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def is_line_list(path: PathLike) -> bool:

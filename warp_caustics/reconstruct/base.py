@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.types import FloatArray
 
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
@@ -72,6 +73,8 @@ class Reconstruction:
         settings: everything needed to repeat the run.
         warnings: what the user should know.
         uncertainty_m: standard uncertainty of the heights [m], shape [n, n]; None where a method has none.
+        no_uncertainty: why there is none; empty where there is one.
+        trust: how far the result is to be believed, asked in the same way of every method.
         iterates_m: relief before the first and after every iteration [m], shape [K + 1, n, n]; None where
             they were not kept.
         fibres_m: printed lines that make up the relief, rows (x0, y0, x1, y1, width, height) [m], shape [L, 6]; None
@@ -91,6 +94,8 @@ class Reconstruction:
     uncertainty_m: FloatArray | None = None
     iterates_m: FloatArray | None = None
     fibres_m: FloatArray | None = None
+    no_uncertainty: str = ""
+    trust: Trust | None = None
 
 
 class Reconstructor(ABC):

@@ -171,6 +171,7 @@ class _Run:
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
             uncertainty=self._uncertainty(is_noise_left),
+            no_uncertainty=answer.no_uncertainty,
         )
         return dataclasses.replace(result, fibres_m=fibres)
 

@@ -219,3 +219,26 @@ def test_exposure_is_divided_out(made, image, exposure):
     assert found.residual == pytest.approx(nominal.residual, rel=0.02)
     np.testing.assert_allclose(found.image, exposure * nominal.image, rtol=0.02, atol=0.02)
     assert any("of the light that this scene gives" in warning for warning in found.warnings) == (exposure != 1)
+
+
+@pytest.mark.parametrize("method", ["direct", "fibres"])
+def test_a_network_of_few_steps_is_named_and_its_spread_is_no_uncertainty(method, saved, scene, image):
+    """After 4 steps all symmetries answer alike, and a result 28 um wrong was said to be certain to 0.2 um."""
+    options = {"max_iterations": 2, "jumps": 1} if method == "fibres" else {"max_iterations": 2}
+    result = create(method, scene, weights=saved("direct", training={"steps": 4}), **options).reconstruct(image)
+    assert result.uncertainty_m is None
+    assert "was trained for 4 steps only" in result.no_uncertainty
+    assert any("was trained for 4 steps, fewer than 1000" in warning for warning in result.warnings)
+    enough = create(method, scene, weights=saved("direct", training={"steps": 1000}), **options).reconstruct(image)
+    assert enough.uncertainty_m is not None and enough.no_uncertainty == ""
+    assert not any("fewer than 1000" in warning for warning in enough.warnings)
+
+
+def test_every_network_of_few_steps_is_named(saved, scene):
+    from nets.shipped import find_network, shipped_weights
+    from nets.weights import weights_info
+
+    for kind in ("direct", "unrolled", "updater", "denoiser"):
+        found = find_network(kind, scene, path=saved(kind, training={"steps": 999}))
+        assert found.few_steps == 999 and "trained for 999 steps" in found.warnings[-1]
+    assert all(weights_info(file).training["steps"] >= 1000 for file in shipped_weights())

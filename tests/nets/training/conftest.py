@@ -82,11 +82,13 @@ def fabric():
 def train(fabric, monkeypatch):
     """Trains in a folder; pictures are left out unless asked for."""
 
-    def call(config, folder, *, max_steps=None, deadline=None, resume=False, pictures=False, watcher=None):
+    def call(
+        config, folder, *, max_steps=None, deadline=None, max_time_s=None, resume=False, pictures=False, watcher=None
+    ):
         folder.mkdir(exist_ok=True)
         if not pictures:
             monkeypatch.setattr(fit_module, "write_sample", lambda *arguments: None)
-        limits = Limits(max_steps, deadline)
+        limits = Limits(max_steps, deadline, max_time_s)
         return fit(config, folder, fabric, watcher or Watcher(), limits, resume=resume)
 
     # TensorBoard's files are tested where they matter.

@@ -138,6 +138,34 @@ def test_a_deadline_leaves_a_run_of_given_length_unfinished(tiny_run, train, tmp
     assert result.stop_reason == "max_time" and 19 <= result.step <= 21
 
 
+def test_the_time_of_a_command_counts_from_its_first_step(tiny_run, train, tmp_path, monkeypatch, clock):
+    """On a busy machine the preparation took longer than the time that was given, and no step was made."""
+    monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
+    prepare = fit_module._Loop.prepare
+
+    def slow(loop, *arguments):
+        prepare(loop, *arguments)
+        clock.now_s += 1000
+
+    monkeypatch.setattr(fit_module._Loop, "prepare", slow)
+    config = tiny_run("direct", total_steps=10**6)
+    result = train(config, tmp_path / "run", max_time_s=2)
+    assert result.stop_reason == "max_time" and 19 <= result.step <= 21
+
+
+def test_one_step_is_made_however_short_the_time(tiny_run, train, tmp_path, clock):
+    for total_steps in (10**6, None):
+        result = train(tiny_run("direct", total_steps=total_steps), tmp_path / f"run{total_steps}", max_time_s=1e-3)
+        assert result.step >= 1 and result.weights is not None
+
+
+def test_no_weights_and_no_checkpoint_without_a_step(tiny_run, train, tmp_path, clock):
+    folder = tmp_path / "run"
+    result = train(tiny_run("direct", total_steps=10**6), folder, deadline=clock.now_s - 1)
+    assert (result.step, result.weights, result.stop_reason) == (0, None, "max_time")
+    assert not (folder / "weights.safetensors").exists() and not list(folder.glob("checkpoints/*"))
+
+
 def test_a_loss_that_is_no_number_is_an_error(tiny_run, train, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "nets.training.tasks.DirectTask.loss",

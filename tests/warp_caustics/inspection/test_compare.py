@@ -101,3 +101,34 @@ def test_wrong_input_is_named():
         inspect_plate(NOMINAL, NOMINAL, SCENE, 0.0)
     with pytest.raises(InputError, match="nominal heights have shape"):
         inspect_plate(NOMINAL, NOMINAL[:32], SCENE, 5e-5)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_spike_fails_whatever_its_area(size):
+    """Fewer cells than a defect has, but far higher than an error of the measurement."""
+    found = inspect_plate(bump(4, 40, 1e-3, size), NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
+    assert found.verdict == "fail" and len(found.regions) == 1
+    assert found.regions[0].area_m2 == pytest.approx(size**2 * CELL)
+    assert "up to 1000 um" in found.reasons[0]
+
+
+def test_a_spike_that_is_not_certain_is_no_fault():
+    sigma = SIGMA.copy()
+    sigma[4, 40] = 6e-4
+    found = inspect_plate(bump(4, 40, 1e-3, 1), NOMINAL, SCENE, 5e-5, sigma_m=sigma)
+    assert found.verdict == "pass"
+
+
+def test_parts_too_small_to_judge_stand_in_the_verdict():
+    found = inspect_plate(bump(4, 40, 1.2e-4, 2), NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
+    assert found.verdict == "pass" and not found.regions
+    assert found.reasons[-1].startswith("not judged: 1 part beyond tolerance (up to 120 um), each of fewer than 5")
+
+
+def test_no_numbers_never_pass():
+    heights, sigma = NOMINAL.copy(), SIGMA.copy()
+    heights[3, 3] = np.nan
+    with pytest.raises(InputError, match="heights are no numbers at 1 places"):
+        inspect_plate(heights, NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
+    sigma[10:20, 10:20] = np.nan
+    assert inspect_plate(NOMINAL, NOMINAL, SCENE, 5e-5, sigma_m=sigma).verdict == "uncertain"

@@ -7,7 +7,7 @@ import pytest
 
 from warp_caustics.errors import InputError
 from warp_caustics.inspection.judge import judge_plate
-from warp_caustics.inspection.nominal import Nominal, with_lines
+from warp_caustics.inspection.nominal import Nominal, read_nominal, with_lines
 from warp_caustics.prints.line import SECTIONS, Line, moved_across
 from warp_caustics.scene import Scene
 
@@ -68,3 +68,17 @@ def test_every_line_needs_a_fit():
     nominal = Nominal.of_lines(LINES, SCENE)
     with pytest.raises(InputError, match="0 fitted lines for 3"):
         judge_plate(nominal.relief_m, nominal, SCENE, TOLERANCE_M, fitted=[])
+
+
+def test_a_design_far_higher_than_its_plate_is_refused_unless_told(tmp_path):
+    """40 mm on a plate of 3 mm is a slip of the unit far more often than a print."""
+    path = tmp_path / "design.csv"
+    path.write_text("start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_mm\n-10,0,10,0,4,40\n")
+    with pytest.raises(
+        InputError, match=r"is up to .* mm high, above 9 mm \(3 times .*: --max-height 35.5mm"
+    ) as caught:
+        read_nominal(str(path), SCENE)
+    told = float(str(caught.value).rsplit(" ", 1)[1].removesuffix("mm")) * 1e-3
+    assert read_nominal(str(path), SCENE, highest_m=told).relief_m.max() <= told
+    with pytest.raises(InputError, match="above 12 mm"):
+        read_nominal(str(path), SCENE, highest_m=0.012)

@@ -33,6 +33,47 @@ def test_units_stand_in_the_names(tmp_path):
         )
 
 
+YAML = "- {start_x_mm: 0, start_y_mm: 0, end_x_mm: 1, end_y_mm: 1, width_mm: 1, height_um: %s}\n"
+
+
+@pytest.mark.parametrize("number", ["yes", "true", "1:30", "1_0", "0x10", "0o10", "'1_0'", "1e999", "[1]", "~"])
+def test_yaml_that_is_no_decimal_number_is_refused(tmp_path, number):
+    (tmp_path / "a.yaml").write_text(YAML % number)
+    with pytest.raises(InputError, match="height_um is .*, not a finite number"):
+        read_lines(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("number", ["1_0", "yes", "0x10", "1:30", "1,5", "\u0661", "1e", "inf"])
+def test_csv_that_is_no_decimal_number_is_refused(tmp_path, number):
+    (tmp_path / "a.csv").write_text(f'{NAMES}\n0,0,1,1,1,"{number}"\n')
+    with pytest.raises(InputError, match="height_um is .*, not a finite number"):
+        read_lines(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("number", ["10", "010", "+1e1", "10.", " 10.0"])
+def test_numbers_mean_the_same_in_both_formats(tmp_path, number):
+    (tmp_path / "a.yaml").write_text(YAML % number)
+    (tmp_path / "a.csv").write_text(f"{NAMES}\n0,0,1,1,1,{number}\n")
+    for name in ("a.yaml", "a.csv"):
+        (line,) = read_lines(tmp_path / name)
+        assert line.height_m == pytest.approx(1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.yaml", YAML.replace("width_mm: 1,", "width_mm: 1, width_mm: 2,") % 1, "'width_mm' is given twice"),
+        ("a.yaml", f"lines:\n{YAML % 1}lines:\n{YAML % 2}", "'lines' is given twice"),
+        ("a.yaml", f"- &a {YAML[2:] % 1}- *a\n", "aliases"),
+        ("a.csv", NAMES + ",width_mm\n0,0,1,1,1,300,2\n", "column 'width_mm' is given twice"),
+    ],
+)
+def test_nothing_is_given_twice(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_lines(tmp_path / name)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -47,7 +88,7 @@ def test_units_stand_in_the_names(tmp_path):
         ("a.csv", NAMES.replace("mm", "m") + "\n-10,0,10,2,1,300\n", "above 1 m; check the units"),
         ("a.csv", NAMES + "\n0,0,1,1,0,300\n", "needs a width above 0"),
         ("a.yaml", "{lines: 3}", "is no list of mappings"),
-        ("a.yaml", "a: [", "is no YAML"),
+        ("a.yaml", "a: [", "a.yaml': expected the node content"),
         ("a.txt", "x", "is no list of lines; give .csv"),
     ],
 )

@@ -251,8 +251,8 @@ def fold_advice(residual: float) -> Iterator[str]:
     """What a relative residual tells of a relief that was found by transport."""
     if residual > FOLDED_RESIDUAL:
         yield (
-            f"the image is explained to {residual:.0%} only: where light paths cross, transport finds another relief; "
-            "take it as a start for a method that knows folds"
+            f"{residual:.0%} of the image is left unexplained: where light paths cross, transport finds another "
+            "relief; take it as a start for a method that knows folds"
         )
 
 

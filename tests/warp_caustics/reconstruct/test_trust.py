@@ -1,0 +1,96 @@
+"""One line on how far a result is to be believed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from warp_caustics.inspection.compare import inspect_plate
+from warp_caustics.inspection.judge import doubted
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation, estimated_noise
+from warp_caustics.resampling import blur_matrices, blurred
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+SCENE = Scene(height_samples=64, image_pixels=128, screen_position_m=(0, 0, -1e-6))
+LINES = [Line((-0.02, -0.015), (0.02, -0.01), 4e-3, 3e-4), Line((-0.015, 0.018), (0.01, 0.01), 6e-3, 4e-4)]
+SMALL = Line((0.012, 0.008), (0.018, 0.016), 3e-3, 1.5e-4)
+
+
+def relief(*lines):
+    return line_relief(lines, 64, SCENE.plate_size_m)
+
+
+def light(heights, blur_px=0.0):
+    simulator = CausticSimulator(SCENE, "lattice", n_photons=64 * 128**2)
+    image = simulator(torch.tensor(heights, dtype=torch.float32))
+    if blur_px:
+        image = blurred(image, blur_matrices(128, np.full(3, blur_px), image.device))
+    return image.numpy()
+
+
+def trust(clean, heights, noise=0.0, known=True, mask=None):
+    rng = np.random.default_rng(0)
+    noisy = clean + noise * np.sqrt(np.maximum(clean, 0.05)) * rng.standard_normal(clean.shape)
+    image = CausticImage(noisy.astype(np.float32), np.full(3, noise) if known and noise else None, mask)
+    return Resimulation(CausticSimulator(SCENE), image).trust(heights)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.1, 0.3])
+@pytest.mark.parametrize("known", [True, False])
+def test_the_truth_is_explained_whatever_the_noise(noise, known):
+    """0.3 of noise leaves almost 30 % of the image, which no fixed percentage would call explained."""
+    heights = relief(*LINES)
+    found = trust(light(heights), heights, noise, known)
+    assert found.is_explained and not found.is_beyond_relief and found.places == 0
+    assert found.line.startswith("explained within noise: ")
+    assert found.left == pytest.approx(np.hypot(found.noise, found.simulation), rel=0.5, abs=0.005)
+    assert found.noise_source == ("given" if known and noise else "estimated")
+
+
+def test_what_a_flat_plate_explains_as_well_is_not_believed():
+    found = trust(light(relief(*LINES)), relief(), 0.02)
+    assert found.is_explained is False and found.is_beyond_relief
+    assert "heights may be wrong by more than the relief" in found.line
+    assert found.left == pytest.approx(found.flat, rel=0.01)
+
+
+def test_a_small_line_that_is_missing_does_not_drown_in_the_noise_of_the_rest():
+    heights = relief(*LINES)
+    found = trust(light(relief(*LINES, SMALL)), heights, 0.05)
+    assert found.is_explained is False and 0 < found.places < 0.1 and not found.is_beyond_relief
+
+
+def test_a_blur_that_no_model_knows_is_named_and_the_truth_stays_believed():
+    """A lens out of focus by 0.7 px leaves a large part of the image though the heights are right."""
+    heights = relief(*LINES)
+    found = trust(light(heights, 0.7), heights, 0.01)
+    assert (
+        found.is_explained and "by a camera (blur of 0.7" in found.line and "that the method leaves out" in found.line
+    )
+
+
+def test_masked_pixels_do_not_count():
+    heights = relief(*LINES)
+    clean, mask = light(heights), np.ones((3, 128, 128), bool)
+    clean[:, 30:40, 30:40], mask[:, 30:40, 30:40] = 100.0, False
+    assert trust(clean, heights, 0.02, mask=mask).is_explained
+
+
+def test_an_image_without_noise_is_not_judged_by_noise_that_is_not_there():
+    image = CausticImage(light(relief(*LINES)))
+    assert 0 < estimated_noise(image, SCENE).max() < 0.05
+    tiny = Scene(height_samples=4, image_pixels=6)
+    assert estimated_noise(CausticImage(np.ones((3, 6, 6))), tiny) is None
+
+
+def test_no_plate_passes_by_heights_that_are_not_believed():
+    nominal = relief(*LINES)
+    passed = inspect_plate(nominal, nominal, SCENE, 5e-5, sigma_m=np.full((64, 64), 2e-6))
+    bad = trust(light(nominal), relief(), 0.02)
+    good = dataclasses.replace(bad, is_beyond_relief=False)
+    assert doubted(passed, bad).verdict == "uncertain" and "not explained" in doubted(passed, bad).reasons[0]
+    assert doubted(passed, good) is passed and doubted(passed, None) is passed
