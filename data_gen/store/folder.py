@@ -10,6 +10,7 @@ from data_gen.store.layout import Complete, Layout, Manifest, canonical_json, co
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike
 from warp_caustics.io.durable import make_folder, publish
+from warp_caustics.io.regular import read_regular
 
 _MOST_DIFFERENCES = 8
 
@@ -55,7 +56,7 @@ def open_folder(directory: PathLike) -> tuple[Layout, StoredConfig]:
     if not layout.root.is_dir():
         raise InputError(f"folder {str(layout.root)!r} does not exist; check the spelling")
     try:
-        data = layout.config.read_bytes()
+        data = read_regular(layout.config)
     except FileNotFoundError:
         raise InputError(f"{str(layout.root)!r} is no data set, it has no config.json; check the spelling") from None
     except OSError as error:
@@ -80,7 +81,7 @@ def prepare_folder(directory: PathLike, config: DatasetConfig) -> Layout:
     layout = Layout(Path(directory))
     wanted = canonical_json(config.canonical())
     try:
-        found = layout.config.read_bytes()
+        found = read_regular(layout.config)
     except FileNotFoundError:
         found = None
     if found is None:

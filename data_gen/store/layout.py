@@ -15,6 +15,7 @@ from typing import Any
 
 from data_gen.sampler import Field
 from warp_caustics.errors import DamagedDataError
+from warp_caustics.io.regular import read_regular
 
 FORMAT_VERSION = 1
 """Raised whenever an older reader would misread the files."""
@@ -184,7 +185,7 @@ def read_manifest(path: Path) -> Manifest | None:
         DamagedDataError: it is there and broken.
     """
     try:
-        return Manifest.from_bytes(path.read_bytes())
+        return Manifest.from_bytes(read_regular(path))
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -198,7 +199,7 @@ def read_complete(path: Path) -> Complete | None:
         DamagedDataError: it is there and broken.
     """
     try:
-        return Complete.from_bytes(path.read_bytes())
+        return Complete.from_bytes(read_regular(path))
     except FileNotFoundError:
         return None
     except OSError as error:

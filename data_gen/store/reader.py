@@ -23,6 +23,7 @@ from data_gen.store.shard import sample_digest
 from data_gen.store.verification import check_shard
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike, reason
+from warp_caustics.io.regular import require_regular
 
 Split = Literal["train", "val"]
 Sample = dict[str, Any]
@@ -227,10 +228,11 @@ class OpenShard:
         if manifest.ids != tuple(config.shard_ids(shard)):
             raise DamagedDataError("the manifest lists other samples")
         self.manifest = manifest
+        size = require_regular(path).st_size
         # Published files never change, and locks fail on many network file systems.
         self._file = h5py.File(path, "r", locking=False, rdcc_nbytes=0)
         try:
-            if os.stat(path).st_size != manifest.n_bytes:
+            if size != manifest.n_bytes:
                 raise DamagedDataError("it has another size than its manifest says")
             self.datasets = {field.name: _plain(self._file, field, len(manifest.ids)) for field in manifest.fields}
             if tuple(_hard(self._file, "ids")[:].tolist()) != manifest.ids:

@@ -12,6 +12,7 @@ from warp_caustics.errors import DamagedDataError
 from warp_caustics.io.atomic import PathLike
 from warp_caustics.io.durable import TEMPORARY_PREFIX
 from warp_caustics.io.hashes import file_sha256
+from warp_caustics.io.regular import IrregularFileError, open_regular, require_regular
 
 _HEAD_BYTES = 64 * 2**10
 
@@ -141,16 +142,16 @@ def check_shard(
 def _check_file(path: Path, manifest: Manifest, full: bool) -> Problem | None:
     shard = manifest.shard
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            return Problem(shard, "damaged", "it is no regular file")
+        size = require_regular(path).st_size
         if size == manifest.n_bytes and not full:
             return None
         found = file_sha256(path)
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(_HEAD_BYTES)
     except FileNotFoundError:
         return Problem(shard, "missing", "its manifest is there, the file is not")
+    except IrregularFileError as error:
+        return Problem(shard, "damaged", str(error.strerror))
     except OSError as error:
         return Problem(shard, "damaged", f"it cannot be read ({error.strerror})")
     if found == manifest.sha256:

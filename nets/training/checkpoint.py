@@ -15,9 +15,12 @@ import torch
 
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import atomic_path, regular_file
+from warp_caustics.io.regular import read_regular
 
 LAST, PREVIOUS, BEST = "last.ckpt", "previous.ckpt", "best.ckpt"
 DIGEST_BYTES = 32
+MAX_BYTES = 20_000_000_000
+"""The largest network with optimiser and average takes four times its weights."""
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
@@ -56,7 +59,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         InputError: no such file.
         DamagedDataError: its content is not what was written.
     """
-    content = regular_file(path).read_bytes()
+    content = read_regular(regular_file(path), MAX_BYTES)
     payload, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
     if hashlib.sha256(payload).digest() != digest:
         raise DamagedDataError(f"checkpoint {str(path)!r} is damaged (checksum); use another one")
