@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, Field
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, known_names
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
 from warp_caustics.presets import PRESETS
@@ -33,7 +33,7 @@ MAX_PROBLEMS = 3
 
 def _check_preset(value: str) -> str:
     if value not in PRESETS:
-        raise ValueError(f"preset {value!r} is not known; use one of {', '.join(PRESETS)}")
+        raise ValueError(f"preset {value!r} is not known; {known_names(value, PRESETS)}")
     return value
 
 
@@ -243,8 +243,8 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
 
 def _pattern_defaults(name: Any, source: str) -> dict[str, Any]:
     """Another print pattern has other keys."""
-    if name not in PATTERN_CONFIGS:
-        raise InputError(f"{source}reliefs.pattern {name!r} is not known; use one of {', '.join(PATTERN_CONFIGS)}")
+    if not isinstance(name, str) or name not in PATTERN_CONFIGS:
+        raise InputError(f"{source}reliefs.pattern {name!r} is not known; {known_names(str(name), PATTERN_CONFIGS)}")
     return PATTERN_CONFIGS[name]().model_dump(mode="json")
 
 

@@ -17,7 +17,7 @@ import torch
 from torch.utils.data import Dataset
 
 from data_gen.sampler import Field
-from data_gen.store.folder import StoredConfig, load_complete, open_folder
+from data_gen.store.folder import StoredConfig, load_complete, open_folder, present_shards
 from data_gen.store.layout import Complete, Entry, Layout, read_manifest, sha256
 from data_gen.store.shard import sample_digest
 from data_gen.store.verification import check_shard
@@ -76,7 +76,7 @@ class CausticDataset(Dataset[Sample]):
     ) -> None:
         self.layout, self.config = open_folder(directory)
         self.transform, self._most_open, self._check = transform, most_open, check
-        complete = load_complete(self.layout, self.config.fingerprint)
+        complete = load_complete(self.layout, self.config)
         self._entries = {entry.shard: entry for entry in complete.entries} if complete else {}
         shards = self._complete_shards(complete) if complete else self._published_shards(partial)
         self.ids = _selected(self._available(shards), split, ids, val_fraction)
@@ -143,13 +143,12 @@ class CausticDataset(Dataset[Sample]):
         for shard in range(self.config.n_shards):
             if shard not in self._entries or self.layout.shard(shard).name not in names:
                 raise DamagedDataError(f"{str(self.layout.shard(shard))!r} is missing; build again to repair")
-        if complete.n_samples != self.config.n_samples:
-            raise DamagedDataError(f"COMPLETE.json lists {complete.n_samples} of {self.config.n_samples} samples")
         return list(range(self.config.n_shards))
 
     def _published_shards(self, partial: bool) -> list[int]:
         count = self.config.n_shards
-        shards = [shard for shard in range(count) if check_shard(self.layout, self.config, shard)[1] is None]
+        present = present_shards(self.layout, self.config)
+        shards = [shard for shard in present if check_shard(self.layout, self.config, shard)[1] is None]
         if not partial:
             raise MismatchError(
                 f"{str(self.layout.root)!r} is unfinished: {len(shards)}/{count} shards; "

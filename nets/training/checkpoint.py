@@ -69,6 +69,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:
         name = type(error).__name__
         raise DamagedDataError(f"checkpoint {str(path)!r} cannot be read ({name}); use another one") from error
+    if not isinstance(state, dict):
+        raise DamagedDataError(f"checkpoint {str(path)!r} holds {type(state).__name__}, no state; use another one")
     return state
 
 

@@ -115,7 +115,7 @@ def test_configuration_is_immutable():
         ("simulation: {n_photons: 0}", "simulation.n_photons"),
         ("simulation: {n_photons: 1.5}", "simulation.n_photons"),
         ("simulation: {seed: -1}", "simulation.seed"),
-        ("simulation: {preset: papr}", "use one of lattice, paper"),
+        ("simulation: {preset: papr}", "did you mean 'paper'"),
         ("denoiser: {k_down: 40}", "between 2 and 11"),
         ("scene: {image_pixels: 64, image_pixels: 65}", "'image_pixels' is given twice"),
         ("scene:\n  glass: n_bk7\nscene:\n  image_pixels: 4", "line 3: key 'scene' is given twice"),

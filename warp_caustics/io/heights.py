@@ -17,7 +17,7 @@ from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.arrays import read_array
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
 from warp_caustics.io.decoded import Decoded
-from warp_caustics.io.image_file import MAX_PIXELS, MAX_VALUES, Array
+from warp_caustics.io.image_file import MAX_PIXELS, MAX_VALUES, Array, FitsCheck
 from warp_caustics.io.image_format import sniff_format
 from warp_caustics.io.tiff import read_tiff
 
@@ -97,9 +97,7 @@ def read_heights(
             fits(shape[-1])
 
     if format_ == "tiff":
-        decoded = _one_layer(
-            read_tiff(path, None, MAX_PIXELS, lambda *shape: check(shape if shape[0] > 1 else shape[1:])), name
-        )
+        decoded = _one_layer(read_tiff(path, None, MAX_PIXELS, _one_layer_of(name, check)), name)
     else:
         decoded = read_array(path, format_, dataset or _KEY, check)
     unit = decoded.description.get("units", "m")
@@ -132,6 +130,17 @@ def read_relief(path: PathLike, samples: int, role: str) -> npt.NDArray[np.float
             )
 
     return read_heights(path, fits=fits)
+
+
+def _one_layer_of(name: str, check: Callable[[Sequence[int]], None]) -> FitsCheck:
+    """The check of a picture's shape, which must have one channel."""
+
+    def fits(channels: int, rows: int, columns: int) -> None:
+        if channels != 1:
+            raise InputError(f"{name} has {channels} channels; give one channel of heights in metres")
+        check((rows, columns))
+
+    return fits
 
 
 def _one_layer(decoded: Decoded, name: str) -> Decoded:

@@ -84,7 +84,6 @@ def test_nothing_else_opens_files_for_reading():
             "csv_table.py",
             "atomic.py",
         },
-        "warp_caustics/capture": {"mixing.py", "corners.py"},
         "warp_caustics/prints": {"line_list.py"},
         "warp_caustics": {"device.py"},
         "data_gen/store": {"lock.py", "reader.py"},

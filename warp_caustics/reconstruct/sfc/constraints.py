@@ -116,11 +116,10 @@ def given_mask(mask: Any, scene: Scene) -> BoolArray:
         InputError: no real numbers, another shape, or unreadable.
     """
     n = scene.height_samples
-    array = (
-        read_image(mask, fits=lambda _, *size: _check_mask(size, n)).values.any(axis=0)
-        if isinstance(mask, str | PathLike)
-        else np.asarray(mask)
-    )
+    if isinstance(mask, str | PathLike):
+        array = read_image(mask, fits=lambda _, *size: _check_mask(size, n)).values.any(axis=0)
+    else:
+        array = np.asarray(mask)
     if array.dtype.kind not in "buif":
         raise InputError(f"mask is {array.dtype}; give True where glass may be, or the path of an image")
     _check_mask(array.shape, n)
