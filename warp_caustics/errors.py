@@ -26,6 +26,12 @@ EXIT_BUG, EXIT_USAGE, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 7, 
 """Codes of what no error class stands for."""
 
 
+def shortened(text: str, most: int = 80) -> str:
+    """Foreign text for a message: one line of at most so many characters."""
+    line = " ".join(text[: 4 * most].split())
+    return line if len(line) <= most else f"{line[: most - 3]}..."
+
+
 def known_names(word: str, known: Iterable[str]) -> str:
     """What to use in place of an unknown name, as the end of a message: the likely one, or all."""
     names = list(known)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from warp_caustics.errors import known_names
+from warp_caustics.errors import known_names, shortened
 from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, refractive_index
 from warp_caustics.strict import Finite, Strict
 
@@ -169,18 +169,19 @@ Profile = Literal["gaussian", "spline"]
 def _shortened(value: object) -> str:
     """A value for a message; of a number with thousands of digits Python makes no text."""
     try:
-        text = repr(value)
+        return shortened(repr(value))
     except (ValueError, RecursionError):
         return "a number too long to show"
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[str]:
     """One readable line per problem of a failed validation: path, reason and offending value."""
     lines = []
     for item in error.errors():
-        path = ".".join([prefix] * bool(prefix) + [str(part) for part in item["loc"] if part not in ("float", "str")])
-        message = item["msg"].removeprefix("Value error, ")
+        path = ".".join(
+            [prefix] * bool(prefix) + [shortened(str(part)) for part in item["loc"] if part not in ("float", "str")]
+        )
+        message = shortened(item["msg"].removeprefix("Value error, "), 400)
         if item["type"] == "extra_forbidden":
             message = "unknown key; remove it or check its spelling"
         elif item["type"] != "value_error":
