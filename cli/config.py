@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, Field
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, known_names, shortened
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
 from warp_caustics.presets import PRESETS
@@ -33,7 +33,7 @@ MAX_PROBLEMS = 3
 
 def _check_preset(value: str) -> str:
     if value not in PRESETS:
-        raise ValueError(f"preset {value!r} is not known; use one of {', '.join(PRESETS)}")
+        raise ValueError(f"preset {shortened(value)!r} is not known; {known_names(value, PRESETS)}")
     return value
 
 
@@ -140,7 +140,7 @@ def load_config(
         path = config_path(source)
         tree = merged(tree, read_yaml(path), f"{path}: ")
     for setting in settings:
-        tree = merged(tree, parsed_setting(setting), f"--set {setting}: ")
+        tree = merged(tree, parsed_setting(setting), f"--set {shortened(setting)}: ")
     for key, value in (overrides or {}).items():
         if value is not None:
             tree = merged(tree, nested(key.split("."), value), "")
@@ -209,8 +209,10 @@ def parsed_setting(setting: str) -> dict[str, Any]:
     key, equals, value = setting.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
-        raise InputError(f"--set {setting!r} is not KEY=VALUE; write for example --set scene.image_pixels=256")
-    return nested(parts, parsed_yaml(value, f"--set {setting}"))
+        raise InputError(
+            f"--set {shortened(setting)!r} is not KEY=VALUE; write for example --set scene.image_pixels=256"
+        )
+    return nested(parts, parsed_yaml(value, f"--set {shortened(setting)}"))
 
 
 # --------------------------------------------------------------------------- merging
@@ -234,7 +236,7 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
     for key, value in over.items():
         if key not in base and not is_open:
             guess = _guess(str(key), base) or f"known are {', '.join(base)}"
-            raise InputError(f"{source}{at}{key}: unknown key; {guess}")
+            raise InputError(f"{source}{at}{shortened(str(key))}: unknown key; {guess}")
         if not isinstance(base.get(key), dict):
             if isinstance(value, dict) and not is_open:
                 raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
@@ -242,14 +244,16 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
         elif isinstance(value, dict):
             result[key] = merged(base[key], value, source, f"{at}{key}.")
         elif value is not None:  # an empty section changes nothing
-            raise InputError(f"{source}{at}{key} is a section; give keys below it, got {value!r}")
+            raise InputError(f"{source}{at}{key} is a section; give keys below it, got {shortened(repr(value))}")
     return result
 
 
 def _pattern_defaults(name: Any, source: str) -> dict[str, Any]:
     """Another print pattern has other keys."""
-    if name not in PATTERN_CONFIGS:
-        raise InputError(f"{source}reliefs.pattern {name!r} is not known; use one of {', '.join(PATTERN_CONFIGS)}")
+    if not isinstance(name, str) or name not in PATTERN_CONFIGS:
+        raise InputError(
+            f"{source}reliefs.pattern {shortened(repr(name))} is not known; {known_names(str(name), PATTERN_CONFIGS)}"
+        )
     return PATTERN_CONFIGS[name]().model_dump(mode="json")
 
 

@@ -1,6 +1,7 @@
 """What a command let through, as one line and an exit code of :mod:`warp_caustics.errors`."""
 
 import errno
+import os
 import sys
 import tempfile
 import time
@@ -21,10 +22,23 @@ def explained(error: Exception) -> tuple[str, int]:
 
         return "; ".join(validation_lines(error)), InputError.exit_code
     if is_out_of_memory(error):
-        return "out of memory; use fewer photons, a smaller image or another device", ResourceError.exit_code
+        return f"out of memory; {_what_fits()}", ResourceError.exit_code
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         return f"{error}; free space on the disk", ResourceError.exit_code
     return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
+
+
+def _what_fits() -> str:
+    """What to change, with the memory that there is."""
+    try:
+        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError):
+        free = 0
+    have = f"{free / 1e9:.2g} GB of memory are free: " if free > 0 else ""
+    return (
+        f"{have}use a smaller image (--set scene.image_pixels=256), fewer heights (--set scene.height_samples=128), "
+        "fewer photons or another --device"
+    )
 
 
 def _keep_traceback(error: Exception) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import rich_click as click
 
 from cli.failures import explained
-from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE
+from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE, known_names
 from warp_caustics.signals import Restore, answered
 
 COMMANDS = {
@@ -43,6 +43,14 @@ class LazyGroup(click.RichGroup):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, in the order of the help page."""
         return list(COMMANDS)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the arguments begin with; a wrong one is answered with the likely right one."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            ctx.fail(f"No such command {args[0][:60]!r}; {known_names(args[0], COMMANDS)}")
+        return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, imported now."""

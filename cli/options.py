@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 
 import rich_click as click
 
+from warp_caustics.units import length_m
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -32,26 +34,20 @@ def integer(text: str) -> int:
     return int(value)
 
 
-UNITS_M = {
-    "": 1.0,
-    "m": 1.0,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "um": 1e-6,
-    "\N{MICRO SIGN}m": 1e-6,
-    "\N{GREEK SMALL LETTER MU}m": 1e-6,
-    "nm": 1e-9,
-}
 MAX_PLATE_LENGTH_M = 1.0
-_LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([^\s0-9]*)\s*")
 
 
 def length(text: str) -> float:
     """Option type: length [m] as ``0.1m``, ``100mm``, ``250um``, ``25nm`` or a plain number of metres."""
-    found = _LENGTH.fullmatch(text)
-    if found is None or found[2] not in UNITS_M:
-        raise click.BadParameter(f"{text!r} is no length; write 50um, 0.1m or 5e-5 (metres)")
-    return number(found[1]) * UNITS_M[found[2]]
+    value = length_m(text)
+    if value is None:
+        try:
+            value = number(text)
+        except click.BadParameter:
+            raise click.BadParameter(f"{text!r} is no length; write 50um, 0.1m or 5e-5 (metres)") from None
+    if not math.isfinite(value):
+        raise click.BadParameter(f"{text!r} is not a finite number")
+    return value
 
 
 def plate_length(text: str) -> float:

@@ -121,7 +121,9 @@ def _check_output(output: str, scene: "Scene") -> None:
     try:
         with tempfile.TemporaryDirectory(prefix=".nsfc-", dir=target.parent) as folder:
             probe = Path(folder, f"probe{target.suffix}")
-            write_image(probe, np.ones((scene.n_wavelengths, 2, 2)), wavelengths_m=scene.wavelengths_m)
+            # So wide that the channels are the smallest axis, as they are in the image itself.
+            side = min(scene.image_pixels, max(8, scene.n_wavelengths + 1))
+            write_image(probe, np.ones((scene.n_wavelengths, side, side)), wavelengths_m=scene.wavelengths_m)
     except InputError as error:
         raise InputError(str(error).replace(str(probe), output)) from error
     except OSError as error:

@@ -20,6 +20,7 @@ from nets.architecture import MAX_PARAMETERS, Architecture, build, parse_archite
 from nets.weights_file import MAX_HEADER_BYTES, decode, encode
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
+from warp_caustics.io.regular import read_regular, require_regular
 from warp_caustics.scene import Scene, validation_lines
 
 FORMAT = 1
@@ -194,9 +195,10 @@ def _stored(module: nn.Module, dtype: Precision) -> dict[str, torch.Tensor]:
 
 def _content(file: Path, name: str) -> bytes:
     limit = 4 * MAX_PARAMETERS + MAX_HEADER_BYTES
-    if file.stat().st_size > limit:
-        raise MismatchError(f"{name} has {file.stat().st_size} bytes, the limit is {limit}; give a weights file")
-    return file.read_bytes()
+    size = require_regular(file).st_size
+    if size > limit:
+        raise MismatchError(f"{name} has {size} bytes, the limit is {limit}; give a weights file")
+    return read_regular(file, limit)
 
 
 def _info(record: Mapping[str, Any], tensors: Mapping[str, torch.Tensor], digest: str, name: str) -> WeightsInfo:

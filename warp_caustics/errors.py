@@ -19,8 +19,24 @@ code  meaning
 ====  =====================================================
 """
 
+import difflib
+from collections.abc import Iterable
+
 EXIT_BUG, EXIT_USAGE, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 7, 130, 143
 """Codes of what no error class stands for."""
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """Foreign text for a message: one line of at most so many characters."""
+    line = " ".join(text[: 4 * most].split())
+    return line if len(line) <= most else f"{line[: most - 3]}..."
+
+
+def known_names(word: str, known: Iterable[str]) -> str:
+    """What to use in place of an unknown name, as the end of a message: the likely one, or all."""
+    names = list(known)
+    close = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"use one of {', '.join(names)}"
 
 
 class CausticsError(Exception):
@@ -58,5 +74,14 @@ def is_out_of_memory(error: Exception) -> bool:
     # torch raises torch.OutOfMemoryError; it, cuDNN and Warp also plain RuntimeErrors.
     if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError":
         return True
-    signs = ("out of memory", "Failed to allocate", "can't allocate memory", "CUDNN_STATUS_ALLOC_FAILED")
-    return isinstance(error, RuntimeError) and any(sign in str(error) for sign in signs)
+    signs = (
+        "out of memory",
+        "Failed to allocate",
+        "can't allocate memory",
+        "CUDNN_STATUS_ALLOC_FAILED",
+        "Cannot allocate memory",
+        "not enough memory",
+        "std::bad_alloc",
+        "memory allocation failed",
+    )
+    return isinstance(error, RuntimeError | OSError) and any(sign in str(error) for sign in signs)

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from warp_caustics.errors import known_names, shortened
 from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, refractive_index
 from warp_caustics.strict import Finite, Strict
 
@@ -98,7 +99,7 @@ class Scene(Strict):
     @classmethod
     def _known_glass(cls, value: str | float) -> str | float:
         if isinstance(value, str) and value not in GLASS_NAMES:
-            raise ValueError(f"glass {value!r} is not known; use one of {', '.join(GLASS_NAMES)} or a number")
+            raise ValueError(f"glass {value!r} is neither known nor a number; {known_names(value, GLASS_NAMES)}")
         return value
 
     @field_validator("exit_medium")
@@ -106,7 +107,7 @@ class Scene(Strict):
     def _known_exit(cls, value: str | float) -> str | float:
         known = ("air", "vacuum", "glass", *GLASS_NAMES)
         if isinstance(value, str) and value not in known:
-            raise ValueError(f"exit medium {value!r} is not known; use one of {', '.join(known)} or a number")
+            raise ValueError(f"exit medium {value!r} is neither known nor a number; {known_names(value, known)}")
         return value
 
     @model_validator(mode="after")
@@ -189,16 +190,28 @@ Placement = Literal["lattice", "stratified", "sobol", "random"]
 Profile = Literal["gaussian", "spline"]
 
 
+def _shortened(value: object) -> str:
+    """A value for a message; of a number with thousands of digits Python makes no text."""
+    try:
+        return shortened(repr(value))
+    except (ValueError, RecursionError):
+        return "a number too long to show"
+
+
 def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[str]:
     """One readable line per problem of a failed validation: path, reason and offending value."""
     lines = []
     for item in error.errors():
-        path = ".".join([prefix] * bool(prefix) + [str(part) for part in item["loc"] if part not in ("float", "str")])
-        message = item["msg"].removeprefix("Value error, ")
+        path = ".".join(
+            [prefix] * bool(prefix) + [shortened(str(part)) for part in item["loc"] if part not in ("float", "str")]
+        )
+        message = shortened(item["msg"].removeprefix("Value error, "), 400)
         if item["type"] == "extra_forbidden":
             message = "unknown key; remove it or check its spelling"
         elif item["type"] != "value_error":
-            message = f"{message}, got {item['input']!r}"
+            message = f"{message}, got {_shortened(item['input'])}"
+            if item["type"] == "float_parsing" and any(str(part).endswith("_m") for part in item["loc"]):
+                message += "; give metres, or a unit as in 3mm, 50um, 530nm"
         line = f"{path}: {message}" if path else message
         if line not in lines:
             lines.append(line)

@@ -198,7 +198,7 @@ def _to_do(
     built: dict[tuple[str, str], Manifest] = {}
     problems: dict[int, tuple[Problem, bool]] = {}
     try:
-        complete = load_complete(layout, stored.fingerprint)
+        complete = load_complete(layout, stored)
     except DamagedDataError as error:
         notes.append(f"{error}; written again")
         complete = None

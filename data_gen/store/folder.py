@@ -1,15 +1,17 @@
 """A data set's configuration on disk: written first, compared on every later build, read by everybody else."""
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from data_gen.dataset_config import DatasetConfig
+from data_gen.dataset_config import MAX_SAMPLES, DatasetConfig
 from data_gen.store.layout import Complete, Layout, Manifest, canonical_json, code_version, read_complete, sha256
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike
 from warp_caustics.io.durable import make_folder, publish
+from warp_caustics.io.regular import read_regular
 
 _MOST_DIFFERENCES = 8
 
@@ -55,7 +57,7 @@ def open_folder(directory: PathLike) -> tuple[Layout, StoredConfig]:
     if not layout.root.is_dir():
         raise InputError(f"folder {str(layout.root)!r} does not exist; check the spelling")
     try:
-        data = layout.config.read_bytes()
+        data = read_regular(layout.config)
     except FileNotFoundError:
         raise InputError(f"{str(layout.root)!r} is no data set, it has no config.json; check the spelling") from None
     except OSError as error:
@@ -64,7 +66,7 @@ def open_folder(directory: PathLike) -> tuple[Layout, StoredConfig]:
     stored = StoredConfig(tree, sha256(canonical_json(tree)))
     try:
         counts = tree["n_samples"], tree["samples_per_shard"]
-        if not all(type(count) is int and count > 0 for count in counts):
+        if not all(type(count) is int and 0 < count <= MAX_SAMPLES for count in counts):
             raise ValueError(f"n_samples, samples_per_shard = {counts}")
     except (KeyError, ValueError) as error:
         raise DamagedDataError(f"{str(layout.config)!r} is damaged ({error}); restore it from a copy") from error
@@ -80,7 +82,7 @@ def prepare_folder(directory: PathLike, config: DatasetConfig) -> Layout:
     layout = Layout(Path(directory))
     wanted = canonical_json(config.canonical())
     try:
-        found = layout.config.read_bytes()
+        found = read_regular(layout.config)
     except FileNotFoundError:
         found = None
     if found is None:
@@ -96,19 +98,36 @@ def prepare_folder(directory: PathLike, config: DatasetConfig) -> Layout:
     return layout
 
 
-def load_complete(layout: Layout, fingerprint: str) -> Complete | None:
+def load_complete(layout: Layout, config: StoredConfig) -> Complete | None:
     """COMPLETE.json, None where the data set is unfinished.
 
     Raises:
-        DamagedDataError: it is broken, or belongs to another configuration.
+        DamagedDataError: it is broken, belongs to another configuration, or does not list every shard and sample:
+            one rule for whoever reads, checks or builds.
     """
     complete = read_complete(layout.complete)
-    if complete is not None and complete.fingerprint != fingerprint:
+    if complete is not None and complete.fingerprint != config.fingerprint:
         raise DamagedDataError(
-            f"{str(layout.root)!r}: config.json (fingerprint {fingerprint[:12]}) is not the one that COMPLETE.json was "
-            f"written for ({complete.fingerprint[:12]}); restore it from a copy"
+            f"{str(layout.root)!r}: config.json (fingerprint {config.fingerprint[:12]}) is not the one that "
+            f"COMPLETE.json was written for ({complete.fingerprint[:12]}); restore it from a copy"
         )
+    if complete is not None:
+        found, wanted = (len(complete.entries), complete.n_samples), (config.n_shards, config.n_samples)
+        if found != wanted:
+            raise DamagedDataError(
+                f"COMPLETE.json lists {found[0]} of {wanted[0]} shards and {found[1]} of {wanted[1]} samples; "
+                "build again to repair"
+            )
     return complete
+
+
+def present_shards(layout: Layout, config: StoredConfig) -> list[int]:
+    """Numbers of the shards that have a file or a manifest: a folder is listed, not asked for millions of names."""
+    if not layout.shards.is_dir():
+        return []
+    stems = {name.partition(".")[0] for name in os.listdir(layout.shards)}
+    numbers = {int(stem) for stem in stems if stem.isascii() and stem.isdigit() and len(stem) <= 9}
+    return sorted(number for number in numbers if number < config.n_shards)
 
 
 def check_same_origin(manifest: Manifest, compression: str, fields: Any = None) -> None:

@@ -29,7 +29,7 @@ def write_index(directory: PathLike) -> Path:
         DamagedDataError: a manifest is missing.
     """
     layout, config = open_folder(directory)
-    if load_complete(layout, config.fingerprint) is None:
+    if load_complete(layout, config) is None:
         raise MismatchError(f"{str(layout.root)!r} is unfinished; finish building it before making an index")
     manifest = read_manifest(layout.manifest(0))
     if manifest is None:

@@ -7,7 +7,9 @@ either seen at once or was never written.
 import hashlib
 import importlib.metadata
 import json
+import math
 import platform
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +17,10 @@ from typing import Any
 
 from data_gen.sampler import Field
 from warp_caustics.errors import DamagedDataError
+from warp_caustics.io.regular import read_regular
 
+FIELD_DTYPES = ("float16", "float32", "float64")
+_HASH = re.compile(r"[0-9a-f]{64}")
 FORMAT_VERSION = 1
 """Raised whenever an older reader would misread the files."""
 
@@ -123,8 +128,9 @@ class Manifest:
                     "fields": tuple(Field(**{**field, "shape": tuple(field["shape"])}) for field in tree["fields"]),
                 }
             )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise DamagedDataError(f"manifest has wrong entries ({error})") from error
+            _check_manifest(manifest)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise DamagedDataError(f"manifest has wrong entries ({str(error)[:80]})") from error
         return manifest
 
 
@@ -164,9 +170,11 @@ class Complete:
         """
         tree = _unsealed(data, "COMPLETE.json")
         try:
-            return cls(**{**tree, "entries": tuple(Entry(**entry) for entry in tree["entries"])})
-        except (KeyError, TypeError) as error:
-            raise DamagedDataError(f"COMPLETE.json has wrong entries ({error})") from error
+            complete = cls(**{**tree, "entries": tuple(Entry(**entry) for entry in tree["entries"])})
+            _check_complete(complete)
+        except (KeyError, TypeError, ValueError) as error:
+            raise DamagedDataError(f"COMPLETE.json has wrong entries ({str(error)[:80]})") from error
+        return complete
 
     @classmethod
     def of(cls, fingerprint: str, manifests: Iterable[Manifest]) -> "Complete":
@@ -177,6 +185,46 @@ class Complete:
         return cls(fingerprint, samples, tuple(entries))
 
 
+def _require(is_right: bool, what: str) -> None:
+    if not is_right:
+        raise ValueError(what)
+
+
+def _is_count(value: object, least: int = 0) -> bool:
+    return type(value) is int and least <= value < 2**63
+
+
+def _is_hash(value: object) -> bool:
+    return isinstance(value, str) and _HASH.fullmatch(value) is not None
+
+
+def _check_manifest(manifest: Manifest) -> None:
+    """Refuse entries of other types than are written: a seal tells who wrote last, not what."""
+    _require(_is_count(manifest.shard) and _is_count(manifest.n_bytes), "shard or n_bytes")
+    _require(_is_hash(manifest.sha256) and _is_hash(manifest.fingerprint), "sha256 or fingerprint")
+    _require(all(map(_is_count, manifest.ids)), "ids")
+    texts = (manifest.compression, manifest.device, manifest.code_version)
+    _require(all(isinstance(text, str) for text in texts), "compression, device or code_version")
+    _require(isinstance(manifest.libraries, Mapping), "libraries")
+    _require(len(manifest.fields) > 0, "fields")
+    for field in manifest.fields:
+        texts = (field.name, field.dtype, field.unit, field.description)
+        _require(all(isinstance(text, str) for text in texts) and field.dtype in FIELD_DTYPES, "fields")
+        _require(all(_is_count(length, 1) for length in field.shape), f"shape of {field.name[:40]}")
+        _require(len(manifest.samples[field.name]) == len(manifest.ids), f"samples of {field.name[:40]}")
+    _require(all(_is_hash(digest) for digests in manifest.samples.values() for digest in digests), "samples")
+    for numbers in manifest.counters.values():
+        _require(len(numbers) == len(manifest.ids), "counters")
+        _require(all(type(number) in (int, float) and math.isfinite(number) for number in numbers), "counters")
+
+
+def _check_complete(complete: Complete) -> None:
+    _require(_is_hash(complete.fingerprint) and _is_count(complete.n_samples), "fingerprint or n_samples")
+    for number, entry in enumerate(complete.entries):
+        _require(entry.shard == number and type(entry.shard) is int and _is_count(entry.n_bytes), f"entry {number}")
+        _require(_is_hash(entry.sha256) and _is_hash(entry.manifest_sha256), f"entry {number}")
+
+
 def read_manifest(path: Path) -> Manifest | None:
     """The manifest at a path, None where there is none.
 
@@ -184,7 +232,7 @@ def read_manifest(path: Path) -> Manifest | None:
         DamagedDataError: it is there and broken.
     """
     try:
-        return Manifest.from_bytes(path.read_bytes())
+        return Manifest.from_bytes(read_regular(path))
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -198,7 +246,7 @@ def read_complete(path: Path) -> Complete | None:
         DamagedDataError: it is there and broken.
     """
     try:
-        return Complete.from_bytes(path.read_bytes())
+        return Complete.from_bytes(read_regular(path))
     except FileNotFoundError:
         return None
     except OSError as error:

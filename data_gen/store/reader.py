@@ -17,12 +17,13 @@ import torch
 from torch.utils.data import Dataset
 
 from data_gen.sampler import Field
-from data_gen.store.folder import StoredConfig, load_complete, open_folder
+from data_gen.store.folder import StoredConfig, load_complete, open_folder, present_shards
 from data_gen.store.layout import Complete, Entry, Layout, read_manifest, sha256
 from data_gen.store.shard import sample_digest
 from data_gen.store.verification import check_shard
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike, reason
+from warp_caustics.io.regular import require_regular
 
 Split = Literal["train", "val"]
 Sample = dict[str, Any]
@@ -75,7 +76,7 @@ class CausticDataset(Dataset[Sample]):
     ) -> None:
         self.layout, self.config = open_folder(directory)
         self.transform, self._most_open, self._check = transform, most_open, check
-        complete = load_complete(self.layout, self.config.fingerprint)
+        complete = load_complete(self.layout, self.config)
         self._entries = {entry.shard: entry for entry in complete.entries} if complete else {}
         shards = self._complete_shards(complete) if complete else self._published_shards(partial)
         self.ids = _selected(self._available(shards), split, ids, val_fraction)
@@ -142,13 +143,12 @@ class CausticDataset(Dataset[Sample]):
         for shard in range(self.config.n_shards):
             if shard not in self._entries or self.layout.shard(shard).name not in names:
                 raise DamagedDataError(f"{str(self.layout.shard(shard))!r} is missing; build again to repair")
-        if complete.n_samples != self.config.n_samples:
-            raise DamagedDataError(f"COMPLETE.json lists {complete.n_samples} of {self.config.n_samples} samples")
         return list(range(self.config.n_shards))
 
     def _published_shards(self, partial: bool) -> list[int]:
         count = self.config.n_shards
-        shards = [shard for shard in range(count) if check_shard(self.layout, self.config, shard)[1] is None]
+        present = present_shards(self.layout, self.config)
+        shards = [shard for shard in present if check_shard(self.layout, self.config, shard)[1] is None]
         if not partial:
             raise MismatchError(
                 f"{str(self.layout.root)!r} is unfinished: {len(shards)}/{count} shards; "
@@ -227,10 +227,11 @@ class OpenShard:
         if manifest.ids != tuple(config.shard_ids(shard)):
             raise DamagedDataError("the manifest lists other samples")
         self.manifest = manifest
+        size = require_regular(path).st_size
         # Published files never change, and locks fail on many network file systems.
         self._file = h5py.File(path, "r", locking=False, rdcc_nbytes=0)
         try:
-            if os.stat(path).st_size != manifest.n_bytes:
+            if size != manifest.n_bytes:
                 raise DamagedDataError("it has another size than its manifest says")
             self.datasets = {field.name: _plain(self._file, field, len(manifest.ids)) for field in manifest.fields}
             if tuple(_hard(self._file, "ids")[:].tolist()) != manifest.ids:

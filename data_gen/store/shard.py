@@ -18,12 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from data_gen.sampler import Field, SampleBatch
-from data_gen.store.layout import FORMAT_VERSION
+from data_gen.store.layout import FIELD_DTYPES, FORMAT_VERSION
 from warp_caustics.errors import InputError
 
 Compression = Literal["gzip", "none"]
 
-DTYPES = ("float16", "float32", "float64")
 FLOAT16_LIMIT = 65504.0
 """A float16 of this size may be a clipped larger number."""
 _FLOAT16_LIMIT_BITS = 0x7BFF
@@ -63,8 +62,8 @@ def check_fields(fields: Sequence[Field], compression: str) -> None:
     for field in fields:
         if not _NAME.fullmatch(field.name) or field.name in RESERVED_NAMES:
             raise InputError(f"field name {field.name[:40]!r} cannot be used; take letters, digits and _")
-        if field.dtype not in DTYPES:
-            raise InputError(f"field {field.name} has dtype {field.dtype!r}; use one of {', '.join(DTYPES)}")
+        if field.dtype not in FIELD_DTYPES:
+            raise InputError(f"field {field.name} has dtype {field.dtype!r}; use one of {', '.join(FIELD_DTYPES)}")
         if any(length < 1 for length in field.shape):
             raise InputError(f"field {field.name} has shape {list(field.shape)}; every length must be at least 1")
 

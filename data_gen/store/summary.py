@@ -8,7 +8,7 @@ from pathlib import Path
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import Field
-from data_gen.store.folder import load_complete, open_folder
+from data_gen.store.folder import load_complete, open_folder, present_shards
 from data_gen.store.layout import Layout, Manifest, read_manifest
 from data_gen.store.verification import check_shard
 from warp_caustics.errors import DamagedDataError, ResourceError
@@ -79,14 +79,14 @@ def info(directory: PathLike) -> DatasetInfo:
         DamagedDataError: config.json or COMPLETE.json is broken.
     """
     layout, config = open_folder(directory)
-    complete = load_complete(layout, config.fingerprint)
+    complete = load_complete(layout, config)
     size = raw = samples = shards = 0
     fields: tuple[Field, ...] = ()
     sums: Counter[str] = Counter()
     counts: Counter[str] = Counter()
     largest: dict[str, tuple[float, int]] = {}
     versions, devices, compression = Counter[str](), Counter[str](), Counter[str]()
-    for shard in range(config.n_shards):
+    for shard in present_shards(layout, config):
         manifest, problem = check_shard(layout, config, shard)
         if manifest is None or problem is not None:
             continue

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from warp_caustics.io.atomic import atomic_path
+from warp_caustics.io.regular import require_regular
 
 
 def array_hash(array: Any) -> str:
@@ -29,6 +30,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 def read_arrays(path: Path, names: Sequence[str]) -> dict[str, Any] | None:
     """Arrays of an earlier run; None if there are none, or they cannot all be read."""
     try:
+        require_regular(path)
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in names}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):

@@ -22,6 +22,7 @@ from warp_caustics.errors import EXIT_BUG, CausticsError, ResourceError, is_out_
 from warp_caustics.io.atomic import write_text
 from warp_caustics.io.hashes import file_sha256
 from warp_caustics.io.json_file import plain, write_json
+from warp_caustics.io.regular import read_regular
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import usable_device
@@ -84,7 +85,7 @@ class CellStore:
     def record(self, key: str) -> dict[str, Any] | None:
         """Record of a finished cell; None if there is none, or what is there cannot be used."""
         try:
-            record = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
+            record = json.loads(read_regular(self.folder / f"{key}.json"))
         except (OSError, ValueError):
             return None
         is_whole = isinstance(record, dict) and record.get("key") == key and "scores" in record

@@ -11,6 +11,7 @@ from nets.evaluation.fields import Field
 from nets.evaluation.scores import SCORES
 from warp_caustics.fold_fraction import fold_bin, fold_bins
 from warp_caustics.io.atomic import write_text
+from warp_caustics.io.csv_table import escaped
 from warp_caustics.io.json_file import write_json
 
 COSTS = {"time_s": "time [s]", "peak_memory_MB": "peak memory [MB]"}
@@ -105,4 +106,4 @@ def _csv_text(rows: Sequence[Row], columns: Sequence[str]) -> str:
 
 
 def _cell_text(value: Any) -> Any:
-    return "; ".join(map(str, value)) if isinstance(value, list | tuple) else value
+    return escaped("; ".join(map(str, value)) if isinstance(value, list | tuple) else value)

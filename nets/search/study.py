@@ -8,7 +8,10 @@ journal file is not offered: one torn last line makes it unreadable.
 
 import datetime
 import importlib.util
+import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +23,9 @@ from optuna.trial import FrozenTrial, TrialState
 
 from nets.search.config import MIN_EPOCHS, SearchConfig, check_same, identity
 from nets.search.space import best_of_paper
-from warp_caustics.errors import DamagedDataError, InputError, ResourceError
+from warp_caustics.errors import CausticsError, DamagedDataError, InputError, ResourceError
 from warp_caustics.io.atomic import reason
+from warp_caustics.io.regular import IrregularFileError, require_regular
 
 HEARTBEAT_S, GRACE_S, RETRIES = 60, 180, 2
 DATABASES = ("sqlite", "postgresql", "mysql")
@@ -125,12 +129,15 @@ def open_study(where: Address, search: SearchConfig, seed: int = 0) -> optuna.St
     sampler = make_sampler(search, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        study = _opened(where, search, sampler)
-    stored, wanted = study.user_attrs.get("identity"), identity(search)
-    if stored is None:
-        study.set_user_attr("identity", wanted)
-    else:
-        check_same(stored, wanted, where.name)
+        with _readable(where):
+            study = _opened(where, search, sampler)
+            stored, wanted = study.user_attrs.get("identity"), identity(search)
+            # Trials are read once here, so that damage shows before anything is begun.
+            study.get_trials(deepcopy=False)
+            if stored is None:
+                study.set_user_attr("identity", wanted)
+            else:
+                check_same(stored, wanted, where.name)
     return study
 
 
@@ -237,6 +244,12 @@ def _failed(study: optuna.Study, trial: FrozenTrial) -> bool:
 def _opened(where: Address, search: SearchConfig, sampler: optuna.samplers.BaseSampler) -> optuna.Study:
     options: dict[str, Any] = {}
     if where.url.startswith("sqlite"):
+        database = sqlalchemy.make_url(where.url).database
+        if database and os.path.exists(database):
+            try:
+                require_regular(database)
+            except IrregularFileError as error:
+                raise InputError(f"database {where.shown}: {error.strerror}; give a file") from error
         options["connect_args"] = {"timeout": LOCK_WAIT_S}
     else:
         options["pool_pre_ping"] = True
@@ -261,10 +274,28 @@ def _opened(where: Address, search: SearchConfig, sampler: optuna.samplers.BaseS
             f"no Python package for {sqlalchemy.make_url(where.url).get_backend_name()!r} is installed; "
             "pip install 'psycopg[binary]' (PostgreSQL) or PyMySQL (MySQL)"
         ) from error
+
+
+@contextmanager
+def _readable(where: Address) -> Iterator[None]:
+    """Whatever a database that was damaged makes SQLAlchemy and Optuna raise, as an error that says so."""
+    try:
+        yield
+    except CausticsError:
+        raise
     except sqlalchemy.exc.OperationalError as error:
         why = reason(error.orig or error)
         raise ResourceError(f"database {where.shown} does not answer ({why}); check it") from error
-    except (sqlalchemy.exc.DatabaseError, optuna.exceptions.OptunaError, RuntimeError) as error:
+    except (
+        sqlalchemy.exc.SQLAlchemyError,
+        optuna.exceptions.OptunaError,
+        RuntimeError,
+        LookupError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        AssertionError,
+    ) as error:
         raise DamagedDataError(
             f"database {where.shown} cannot be read ({reason(error)}); restore it, or begin another study"
         ) from error

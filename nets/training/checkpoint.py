@@ -16,11 +16,14 @@ import torch
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import atomic_path, regular_file
 from warp_caustics.io.durable import sweep
+from warp_caustics.io.regular import read_regular
 
 LAST, PREVIOUS, BEST = "last.ckpt", "previous.ckpt", "best.ckpt"
 LINK = f".{PREVIOUS}.new"
 """For a moment another name of the checkpoint before."""
 DIGEST_BYTES = 32
+MAX_BYTES = 20_000_000_000
+"""The largest network with optimiser and average takes four times its weights."""
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
@@ -59,7 +62,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         InputError: no such file.
         DamagedDataError: its content is not what was written.
     """
-    content = regular_file(path).read_bytes()
+    content = read_regular(regular_file(path), MAX_BYTES)
     payload, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
     if hashlib.sha256(payload).digest() != digest:
         raise DamagedDataError(f"checkpoint {str(path)!r} is damaged (checksum); use another one")
@@ -69,6 +72,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:
         name = type(error).__name__
         raise DamagedDataError(f"checkpoint {str(path)!r} cannot be read ({name}); use another one") from error
+    if not isinstance(state, dict):
+        raise DamagedDataError(f"checkpoint {str(path)!r} holds {type(state).__name__}, no state; use another one")
     return state
 
 

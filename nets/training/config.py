@@ -9,7 +9,7 @@ from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
 from nets.unrolling_config import PhotonVariant, Share, UnrollingConfig
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, known_names
 from warp_caustics.scene import Scene
 from warp_caustics.strict import Finite, Strict
 
@@ -270,7 +270,7 @@ def default_run(kind: TrainingKind, preset: str | None = None) -> dict[str, Any]
     names = PRESETS_OF_KIND[kind]
     name = names[0] if preset is None or (preset == "paper" and kind in ("denoiser", "updater")) else preset
     if name not in names:
-        raise InputError(f"preset {preset!r} is no {kind}; use one of {', '.join(names)}")
+        raise InputError(f"preset {preset!r} is no {kind}; {known_names(str(preset), names)}")
     network = PRESETS[name]
     is_ours = kind in ("direct", "unrolled")
     training, reliefs = (_OURS, ReliefConfig(variety=PrintVariety())) if is_ours else (_PAPER, ReliefConfig())

@@ -8,7 +8,7 @@ import torch
 
 from nets.training.config import RunConfig
 from nets.training.optimisation import WeightAverage, learning_rate
-from warp_caustics.errors import MismatchError
+from warp_caustics.errors import CausticsError, DamagedDataError, MismatchError, is_out_of_memory
 
 STATE_VERSION = 2
 
@@ -157,8 +157,18 @@ class RunState:
 
         Raises:
             MismatchError: of another run.
+            DamagedDataError: entries are missing, or of other types or shapes.
         """
-        check_same_run(self.config, saved)
+        try:
+            check_same_run(self.config, saved)
+            self._take(saved)
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+            if isinstance(error, CausticsError) or is_out_of_memory(error):
+                raise
+            what = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+            raise DamagedDataError(f"checkpoint is not whole ({what}); train again with --force") from error
+
+    def _take(self, saved: dict[str, Any]) -> None:
         device = self.loss_sum.device
         self.network.load_state_dict(saved["network"])
         self.average.network.load_state_dict(saved["average"])

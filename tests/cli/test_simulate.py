@@ -69,7 +69,7 @@ def test_seed_selects_the_photons(inputs, tmp_path):
         (["--seed", "abc"], 2, "'abc'"),
         (["--seed", "-1"], 3, "seed"),
         (["--placement", "grid"], 3, "placement"),
-        (["--preset", "papr"], 3, "use one of lattice, paper"),
+        (["--preset", "papr"], 3, "did you mean 'paper'"),
         (["--device", "cuda:99"], 6, "use --device cpu"),
         (["--device", "tpu"], 3, "tpu"),
         (["--set", "scene.height_samples=16"], 3, "shape"),

@@ -12,6 +12,7 @@ or ``x_px,y_px`` with four rows in that order, or ``x_m,y_m,x_px,y_px``.
 """
 
 import csv
+import io
 import os
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,9 +26,9 @@ from warp_caustics.capture.distortion import Distortion, Points
 from warp_caustics.capture.markers import find_markers
 from warp_caustics.capture.registration import CORNER_SIGNS, CORNERS, Registration, fitted_registration
 from warp_caustics.errors import InputError
-from warp_caustics.io.atomic import regular_file
+from warp_caustics.io.atomic import read_text, regular_file
 from warp_caustics.io.noise import FloatImage
-from warp_caustics.io.yaml_file import read_yaml
+from warp_caustics.io.yaml_file import MAX_YAML_BYTES, read_yaml
 from warp_caustics.scene import Scene, validation_lines
 from warp_caustics.strict import Finite, Strict
 
@@ -100,13 +101,13 @@ def read_window_file(path: str | os.PathLike[str]) -> WindowFile:
 
 def _csv_tree(file: Path) -> dict[str, Any]:
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            lines = (line for line in stream if line.strip() and not line.startswith("#"))
-            reader = csv.DictReader(lines, skipinitialspace=True)
-            columns = tuple(name.strip() for name in reader.fieldnames or ())
-            reader.fieldnames = columns
-            rows = list(reader)
-    except (UnicodeDecodeError, csv.Error) as error:
+        stream = io.StringIO(read_text(file, MAX_YAML_BYTES), newline="")
+        lines = (line for line in stream if line.strip() and not line.startswith("#"))
+        reader = csv.DictReader(lines, skipinitialspace=True)
+        columns = tuple(name.strip() for name in reader.fieldnames or ())
+        reader.fieldnames = columns
+        rows = list(reader)
+    except csv.Error as error:
         raise InputError(f"{file} is no CSV text; give a UTF-8 file") from error
     if columns not in CSV_COLUMNS:
         known = " or ".join(",".join(names) for names in CSV_COLUMNS)

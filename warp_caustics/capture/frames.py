@@ -1,5 +1,7 @@
 """Dark frame and flat field, in the camera's pixel grid."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from warp_caustics.capture.preview import preview
@@ -21,16 +23,23 @@ image and flat alike, and smoothing would undo that in one of them."""
 SURFACE_DEGREE = 4
 
 
+def check_frame_shape(frame: Sequence[int], image: Sequence[int], kind: str) -> None:
+    """Refuse a calibration frame of another shape than the image, [C, H, W] both.
+
+    Raises:
+        MismatchError: another shape.
+    """
+    if tuple(frame) != tuple(image):
+        raise MismatchError(f"the {kind} has shape {tuple(frame)}, the image {tuple(image)}; record both alike")
+
+
 def check_frame(frame: ImageFile, image: ImageFile, kind: str) -> None:
     """Refuse a calibration frame that another camera, or other settings, made.
 
     Raises:
         MismatchError: another shape, depth or other wavelengths.
     """
-    if frame.values.shape != image.values.shape:
-        raise MismatchError(
-            f"the {kind} has shape {frame.values.shape}, the image {image.values.shape}; record both alike"
-        )
+    check_frame_shape(frame.values.shape, image.values.shape, kind)
     if frame.full_scale and image.full_scale and frame.full_scale != image.full_scale:
         raise MismatchError(
             f"the {kind} has {frame.bit_depth} bits, the image {image.bit_depth}; export both with the same settings"

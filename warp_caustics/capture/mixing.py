@@ -8,6 +8,7 @@ tells how well M describes the camera.
 """
 
 import csv
+import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +20,11 @@ import numpy.typing as npt
 from warp_caustics.capture.preview import preview
 from warp_caustics.capture.stage import Work
 from warp_caustics.errors import InputError, MismatchError
-from warp_caustics.io.atomic import regular_file
+from warp_caustics.io.atomic import read_text, regular_file
 from warp_caustics.io.channels import WAVELENGTH_TOLERANCE_M, in_nm
 from warp_caustics.io.image_file import MAX_CHANNELS
 from warp_caustics.io.noise import BoolImage, FloatImage
-from warp_caustics.io.yaml_file import read_yaml
+from warp_caustics.io.yaml_file import MAX_YAML_BYTES, read_yaml
 
 EXAMPLE = "{wavelengths_m: [610e-9, 530e-9], matrix: [[0.9, 0.1], [0.2, 0.8]]}"
 MAX_CONDITION = 100.0
@@ -70,6 +71,18 @@ class Mixing:
         return float(np.linalg.cond(self.matrix / np.linalg.norm(self.matrix, axis=0)))
 
 
+def check_mixed_count(channels: int, mixing: Mixing) -> None:
+    """Refuse an image whose channels are not those of a mixing matrix.
+
+    Raises:
+        MismatchError: another number of channels than rows.
+    """
+    if channels != len(mixing.matrix):
+        raise MismatchError(
+            f"the mixing matrix has {len(mixing.matrix)} rows, the image {channels} channels; give one row per channel"
+        )
+
+
 def read_mixing(path: str | os.PathLike[str]) -> Mixing:
     """A mixing matrix from YAML (``wavelengths_m``, ``matrix``) or CSV.
 
@@ -111,9 +124,9 @@ def read_mixing(path: str | os.PathLike[str]) -> Mixing:
 
 def _csv_tree(file: Path) -> dict[str, Any]:
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
-    except (UnicodeDecodeError, csv.Error) as error:
+        text = read_text(file, MAX_YAML_BYTES)
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
         raise InputError(f"{file} is no CSV text; give a UTF-8 file") from error
     if len(rows) < 2:
         raise InputError(f"{file} has {len(rows)} rows; give the wavelengths [m], then one row per camera channel")

@@ -21,7 +21,7 @@ import numpy as np
 
 from warp_caustics.capture.frames import MAX_SATURATED, check_frame, divide_by_flat, saturated, take_dark, take_flat
 from warp_caustics.capture.hot_pixels import replace_hot_pixels
-from warp_caustics.capture.mixing import unmix
+from warp_caustics.capture.mixing import check_mixed_count, unmix
 from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.registration import check_in_photo
 from warp_caustics.capture.resample import MARGIN_PX, resample
@@ -110,17 +110,13 @@ def _channels(shot: Shot) -> tuple[list[int], str]:
     count = len(shot.image.values)
     if shot.wavelength_order is not None:
         raise InputError("wavelength_order and mixing exclude each other; the matrix says what each channel sees")
-    if count != len(shot.mixing.matrix):
-        raise MismatchError(
-            f"the mixing matrix has {len(shot.mixing.matrix)} rows, the image {count} channels; "
-            "give one row per channel"
-        )
+    check_mixed_count(count, shot.mixing)
     return list(range(count)), f"{count} camera channels, in the order of the mixing matrix"
 
 
 def _check_frames(shot: Shot) -> None:
     if shot.registration is None:
-        check_size(shot.image, shot.scene.image_pixels)
+        check_size(*shot.shape, shot.scene.image_pixels)
     for kind, frame in shot.calibration_frames().items():
         check_frame(frame, shot.image, kind)
     if shot.registration is not None:
@@ -190,21 +186,20 @@ def checked_exposures(exposure: float | Sequence[float] | None, count: int) -> F
     return values
 
 
-def check_size(image: ImageFile, m: int) -> None:
+def check_size(height: int, width: int, m: int) -> None:
     """Refuse a frame that is not the window of m x m pixels.
 
     Raises:
         MismatchError: another size.
     """
-    _, height, width = image.values.shape
     if (height, width) == (m, m):
         return
-    fix = f"crop and resample it to the window, or set image_pixels of the scene to {height}"
+    fix = f"crop and resample it to the window, or --set scene.image_pixels={height}"
     if height != width:
         fix = "crop it to the square window"
     elif height % m == 0:
         k = height // m
-        fix = f"average blocks of {k} x {k} pixels, or set image_pixels of the scene to {height}"
+        fix = f"average blocks of {k} x {k} pixels, or --set scene.image_pixels={height}"
     raise MismatchError(f"the image is {width} x {height} pixels, the scene has {m} x {m}; {fix}, or give its corners")
 
 

@@ -8,16 +8,18 @@ import numpy as np
 from warp_caustics.capture.bracketing import Merged, merged_exposures
 from warp_caustics.capture.corners import located_window, read_window_file
 from warp_caustics.capture.distortion import read_distortion
+from warp_caustics.capture.frames import check_frame_shape
 from warp_caustics.capture.hot_pixels import odd_among_neighbours, replaced
-from warp_caustics.capture.mixing import read_mixing
+from warp_caustics.capture.mixing import Mixing, check_mixed_count, read_mixing
 from warp_caustics.capture.preview import preview
-from warp_caustics.capture.radiometric import calibrated
+from warp_caustics.capture.radiometric import calibrated, check_size
 from warp_caustics.capture.registration import Registration
 from warp_caustics.capture.settings import AUTO, CaptureSettings, check_consistent, is_capture_file
 from warp_caustics.capture.shot import Capture, Shot
 from warp_caustics.capture.stage import CaptureStage
 from warp_caustics.errors import InputError
-from warp_caustics.io.image_file import ImageFile
+from warp_caustics.io.channels import check_channel_count
+from warp_caustics.io.image_file import FitsCheck, ImageFile
 from warp_caustics.io.noise import FloatImage
 
 if TYPE_CHECKING:
@@ -39,15 +41,18 @@ def read_capture(
     """
     settings = settings or CaptureSettings()
     check_consistent(settings)
-    dark, flat, flat_dark = (_frame(getattr(settings, name), settings) for name in ("dark", "flat", "flat_dark"))
-    merged = _merged(settings, dark) if image is None or is_capture_file(image) else None
+    mixing = None if settings.mixing is None else read_mixing(settings.mixing)
+    fits = _fits_scene(scene, settings, mixing)
+    merged = _merged(settings, fits) if image is None or is_capture_file(image) else None
     if merged is None:
         assert image is not None
-        from warp_caustics.io.images import read_image
-
-        photo = read_image(image, page=settings.page, dataset=settings.dataset, transfer=settings.transfer)
+        photo = _photo(image, settings, fits)
     else:
         photo = merged.image
+    dark, flat, flat_dark = (
+        _frame(getattr(settings, name), settings, photo, kind)
+        for name, kind in (("dark", "dark frame"), ("flat", "flat field"), ("flat_dark", "dark frame of the flat"))
+    )
     registration = _registration(settings, scene, photo, None if merged else dark, flat, flat_dark or dark)
     by_default = registration is not None or merged is not None
     shot = Shot(
@@ -59,7 +64,7 @@ def read_capture(
         wavelength_order=settings.wavelength_order,
         exposure=_exposure(settings, merged, has_flat=flat is not None),
         registration=registration,
-        mixing=None if settings.mixing is None else read_mixing(settings.mixing),
+        mixing=mixing,
         hot_pixels=by_default if settings.hot_pixels is None else settings.hot_pixels,
         blur_px=settings.blur_px,
         is_dark_subtracted=merged is not None,
@@ -68,22 +73,45 @@ def read_capture(
     return calibrated(shot)
 
 
-def _frame(path: str | None, settings: CaptureSettings) -> ImageFile | None:
+def _fits_scene(scene: "Scene", settings: CaptureSettings, mixing: Mixing | None) -> FitsCheck:
+    """What a photo must satisfy, told from its header: nobody decodes pixels that the scene cannot use."""
+
+    def fits(channels: int, rows: int, columns: int) -> None:
+        if mixing is None:
+            check_channel_count(channels, scene.wavelengths_m, settings.wavelength_order)
+        else:
+            check_mixed_count(channels, mixing)
+        if settings.corners is None:
+            check_size(rows, columns, scene.image_pixels)
+
+    return fits
+
+
+def _photo(path: str | os.PathLike[str], settings: CaptureSettings, fits: FitsCheck) -> ImageFile:
     from warp_caustics.io.images import read_image
 
-    return None if path is None else read_image(path, transfer=settings.transfer)
+    return read_image(path, page=settings.page, dataset=settings.dataset, transfer=settings.transfer, fits=fits)
 
 
-def _merged(settings: CaptureSettings, dark: ImageFile | None) -> Merged:
+def _frame(path: str | None, settings: CaptureSettings, photo: ImageFile, kind: str) -> ImageFile | None:
+    from warp_caustics.io.images import read_image
+
+    if path is None:
+        return None
+    return read_image(
+        path, transfer=settings.transfer, fits=lambda *shape: check_frame_shape(shape, photo.values.shape, kind)
+    )
+
+
+def _merged(settings: CaptureSettings, fits: FitsCheck) -> Merged:
     if not settings.frames:
         raise InputError("the capture file lists no frames; write frames: [{file: a.tif, exposure_s: 0.01}, ...]")
-    from warp_caustics.io.images import read_image
-
-    frames = [
-        read_image(frame.file, page=settings.page, dataset=settings.dataset, transfer=settings.transfer)
-        for frame in settings.frames
+    frames = [_photo(frame.file, settings, fits) for frame in settings.frames]
+    dark = _frame(settings.dark, settings, frames[0], "dark frame")
+    darks = [
+        dark if frame.dark is None else _frame(frame.dark, settings, photo, "dark frame")
+        for frame, photo in zip(settings.frames, frames, strict=True)
     ]
-    darks = [dark if frame.dark is None else _frame(frame.dark, settings) for frame in settings.frames]
     return merged_exposures(frames, [frame.exposure_s for frame in settings.frames], darks)
 
 

@@ -10,11 +10,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from warp_caustics.errors import CausticsError, DamagedDataError, InputError
+from warp_caustics.errors import CausticsError, DamagedDataError, InputError, ResourceError, is_out_of_memory
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded
 from warp_caustics.io.image_file import MAX_CHANNELS, Array
 from warp_caustics.io.image_output import Output
+from warp_caustics.io.regular import open_regular
 
 
 def _npy_header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -103,6 +104,8 @@ def _hdf5_array(path: Path, key: str, check: Callable[[Sequence[int]], None]) ->
             if data.dtype.kind not in "uif":
                 raise InputError(f"{name} {key} holds {data.dtype}, not real numbers; save float32")
             check(data.shape or ())
+            if data.id.get_storage_size() == 0:
+                raise DamagedDataError(f"{name} {key} has a shape but no numbers; write it again")
             if data.chunks and math.prod(data.chunks) > 4 * max(math.prod(data.shape), 1 << 20):
                 raise InputError(f"{name} {key} has chunks of {data.chunks}, larger than itself; write it again")
             if not data.id.get_create_plist().all_filters_avail():
@@ -116,6 +119,8 @@ def _hdf5_array(path: Path, key: str, check: Callable[[Sequence[int]], None]) ->
     except CausticsError:
         raise
     except Exception as error:
+        if is_out_of_memory(error) or "memory allocation failed" in str(error) or "can't allocate" in str(error):
+            raise ResourceError(f"{name} needs more memory than there is to read; crop it, or free memory") from error
         raise DamagedDataError(f"{name}: HDF5 cannot be read ({reason(error)}); write or copy it again") from error
 
 
@@ -133,7 +138,7 @@ def read_array(path: Path, format_: str, key: str, check: Callable[[Sequence[int
         DamagedDataError: truncated or corrupt.
     """
     if format_ == "npy":
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             return Decoded(_npy_array(stream, repr(str(path)), check))
     return _npz_arrays(path, key, check) if format_ == "npz" else _hdf5_array(path, key, check)
 

@@ -9,32 +9,19 @@ systems on which rename is not atomic.
 
 import errno
 import os
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.io.durable import settle, temporary_name
-
-PathLike = str | os.PathLike[str]
-
-_KINDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a pipe"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISSOCK, "a socket"),
-)
+from warp_caustics.io.regular import IrregularFileError, kind_of, open_regular, read_regular
+from warp_caustics.io.regular import PathLike as PathLike
 
 
 def reason(error: BaseException) -> str:
     """The message of a foreign error on one short line, its type where it has no message."""
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-def _kind(mode: int) -> str:
-    return next((name for test, name in _KINDS if test(mode)), "no regular file")
 
 
 def _explained(error: OSError | ValueError, name: str) -> str:
@@ -62,18 +49,33 @@ def regular_file(path: PathLike) -> Path:
     if "://" in name:
         raise InputError(f"{name} is a web address; download the file and give its path")
     try:
-        info = os.stat(path)
-        if not stat.S_ISREG(info.st_mode):
-            raise InputError(f"{name} is {_kind(info.st_mode)}; give a file")
-        # O_NONBLOCK: should the file have become a pipe since the check, opening it must not wait for a writer.
-        os.close(os.open(path, os.O_RDONLY | os.O_NONBLOCK))
-    except InputError:
-        raise
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+    except IrregularFileError as error:
+        raise InputError(f"{name} {(error.strerror or str(error)).removeprefix('it ')}; give a file") from error
     except (OSError, ValueError) as error:
         raise InputError(_explained(error, name)) from error
-    if info.st_size == 0:
+    if size == 0:
         raise InputError(f"{name} is empty (0 bytes); export or copy it again")
     return Path(path)
+
+
+def read_text(path: PathLike, max_bytes: int) -> str:
+    """Text of a small file, UTF-8 with or without a byte order mark.
+
+    Raises:
+        InputError: as :func:`regular_file`, more than ``max_bytes``, or no UTF-8.
+    """
+    file = regular_file(path)
+    name = repr(os.fspath(path))
+    try:
+        return read_regular(file, max_bytes).decode("utf-8-sig")
+    except IrregularFileError as error:
+        raise InputError(f"{name} has more than {max_bytes:,} bytes; give a file that a person writes") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name} is no text in UTF-8; give a text file") from error
+    except OSError as error:
+        raise InputError(_explained(error, name)) from error
 
 
 def _write_target(path: PathLike) -> Path:
@@ -85,9 +87,10 @@ def _write_target(path: PathLike) -> Path:
         parent_is_folder = target.parent.is_dir()
     except (OSError, ValueError) as error:
         raise InputError(f"{name} cannot be written ({reason(error)}); give another path") from error
-    if mode is not None and not stat.S_ISREG(mode):
+    kind = None if mode is None else kind_of(mode)
+    if kind is not None:
         # os.replace would happily swap a device node for a file.
-        raise InputError(f"{name} is {_kind(mode)}, not a file to overwrite; give another name")
+        raise InputError(f"{name} is {kind}, not a file to overwrite; give another name")
     if not parent_is_folder:
         raise InputError(f"folder {str(target.parent)!r} does not exist; create it first")
     if len(os.fsencode(target.name)) > 255:

@@ -37,12 +37,41 @@ def _match(file_m: Sequence[float], scene_m: Sequence[float], source: str) -> li
         if abs(file_m[nearest] - wanted) > WAVELENGTH_TOLERANCE_M:
             raise MismatchError(
                 f"{source}: {in_nm(file_m)}, but the scene has {in_nm(scene_m)}; use the scene's wavelengths, "
-                "give wavelength_order or change the scene"
+                "give --wavelength-order or set scene.wavelengths_m"
             )
         order.append(nearest)
     if len(set(order)) != len(order):
         raise MismatchError(f"{source}: {in_nm(file_m)} repeat or lie too close together; give each channel once")
     return order
+
+
+def check_channel_count(count: int, scene_m: Sequence[float], requested: str | Sequence[float] | None) -> None:
+    """Refuse an image whose channels cannot be those of a scene, known from its header alone.
+
+    Args:
+        count: channels of the image.
+        scene_m: wavelengths of the scene [m].
+        requested: wavelength order as of :func:`channel_order`.
+
+    Raises:
+        MismatchError: another number of channels than the scene has wavelengths.
+        InputError: a request that cannot be used.
+    """
+    if requested is not None:
+        named = len(_requested_wavelengths_m(requested))
+        if named != count:
+            raise InputError(f"--wavelength-order names {named} channels, the image has {count}; name each once")
+    if count == len(scene_m):
+        return
+    if count == 1:
+        middle = sorted(scene_m)[len(scene_m) // 2]
+        fix = (
+            "for a monochrome camera set the wavelength of its light: "
+            f"--set scene.wavelengths_m=[{in_nm([middle]).replace(' ', '')}] --set scene.radiosity_W_m2=[1]"
+        )
+    else:
+        fix = "give an image with one channel per wavelength, or set scene.wavelengths_m and scene.radiosity_W_m2"
+    raise MismatchError(f"the image has {count} channels, the scene {len(scene_m)} wavelengths; {fix}")
 
 
 def channel_order(
@@ -55,15 +84,9 @@ def channel_order(
         InputError: a request that cannot be used, or nothing tells which channel is which.
     """
     count = len(image.values)
+    check_channel_count(count, scene_m, requested)
     if requested is not None:
         file_m = _requested_wavelengths_m(requested)
-        if len(file_m) != count:
-            raise InputError(f"wavelength order names {len(file_m)} channels, the image has {count}; name each once")
-    if count != len(scene_m):
-        one = "record all wavelengths, or choose a scene with one wavelength"
-        fix = one if count == 1 else "give an image with one channel per wavelength, or change the scene"
-        raise MismatchError(f"the image has {count} channels, the scene {len(scene_m)} wavelengths; {fix}")
-    if requested is not None:
         return _match(file_m, scene_m, "wavelength order"), f"channels are {in_nm(file_m)}, as requested"
     if image.wavelengths_m is not None:
         recorded = image.wavelengths_m
@@ -73,5 +96,5 @@ def channel_order(
         return _match(falling, scene_m, "channels"), f"channels taken as {in_nm(falling)}, longest wavelength first"
     raise InputError(
         f"which channel is which of {in_nm(scene_m)} is not recorded in the file; "
-        f"give wavelength_order, for example '{','.join(f'{value * 1e9:g}' for value in scene_m)}'"
+        f"give for example --wavelength-order {','.join(f'{value * 1e9:g}' for value in scene_m)}"
     )

@@ -1,12 +1,17 @@
 """Tables and logs as CSV: fixed columns, whole or absent, readable after a crash."""
 
 import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from warp_caustics.errors import DamagedDataError
 from warp_caustics.io.atomic import PathLike, atomic_path, reason
+from warp_caustics.io.regular import read_regular
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""With these a cell is a formula to spreadsheets, which may start programs."""
 
 
 class CsvTable:
@@ -32,7 +37,7 @@ class CsvTable:
         with atomic_path(self.path) as temporary, self._open(temporary, "w") as file:
             writer = self._writer(file)
             writer.writeheader()
-            writer.writerows(rows)
+            writer.writerows(map(_escaped_row, rows))
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a line to a file that :meth:`write` began; a crash may cut it off.
@@ -41,7 +46,7 @@ class CsvTable:
             ValueError: the row has a column that the table has not.
         """
         with self._open(self.path, "a") as file:
-            self._writer(file).writerow(row)
+            self._writer(file).writerow(_escaped_row(row))
 
     def read(self, *, is_exact: bool = False) -> list[dict[str, str]]:
         """Rows of the file by its own column names; lines with too few or too many cells were cut off and are left out.
@@ -54,13 +59,11 @@ class CsvTable:
             DamagedDataError: it is no such table.
         """
         name = repr(str(self.path))
-        if self.path.exists() and not self.path.is_file():
-            raise DamagedDataError(f"{name} is no file; move it away")
         try:
-            with open(self.path, newline="", encoding="utf-8") as file:
-                reader = csv.reader(file)
-                header = next(reader, [])
-                rows = [dict(zip(header, line, strict=True)) for line in reader if len(line) == len(header)]
+            text = read_regular(self.path).decode()
+            reader = csv.reader(io.StringIO(text, newline=""))
+            header = next(reader, [])
+            rows = [dict(zip(header, map(_shown, line), strict=True)) for line in reader if len(line) == len(header)]
         except FileNotFoundError:
             raise
         except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -84,3 +87,27 @@ class CsvTable:
 
     def _writer(self, file: Any) -> "csv.DictWriter[str]":
         return csv.DictWriter(file, self.columns, lineterminator=self._line_end)
+
+
+def _escaped_row(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {column: escaped(value) for column, value in row.items()}
+
+
+def escaped(value: Any) -> Any:
+    """A cell as it is written: text that begins as a formula does gets an apostrophe in front; numbers stay."""
+    if not isinstance(value, str) or not value.lstrip("'").startswith(_FORMULA) or _is_number(value):
+        return value
+    return f"'{value}"
+
+
+def _shown(cell: str) -> str:
+    """A cell as it was given."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(_FORMULA) else cell
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -10,7 +10,7 @@ import numpy as np
 from warp_caustics.errors import CausticsError, DamagedDataError, InputError
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded, own_description, without_alpha
-from warp_caustics.io.image_file import MAX_CHANNELS, check_pixels
+from warp_caustics.io.image_file import MAX_CHANNELS, FitsCheck, check_image
 from warp_caustics.io.image_output import Output
 
 
@@ -53,18 +53,19 @@ def _exr_order(channels: list[str], description: dict[str, Any], name: str) -> l
     raise InputError(f"{name} has channels {', '.join(channels)[:80]}; give R,G,B or Y or S0.<wavelength>nm")
 
 
-def _check_exr_header(header: dict[str, Any], name: str, max_pixels: int) -> None:
+def _check_exr_header(header: dict[str, Any], name: str, max_pixels: int, fits: FitsCheck | None) -> None:
     (x0, y0), (x1, y1) = (corner.tolist() for corner in header["dataWindow"])
-    check_pixels(name, (y1 - y0 + 1, x1 - x0 + 1), max_pixels)
+    count = len(header["channels"]) - ("A" in {channel.name for channel in header["channels"]})
+    if count > MAX_CHANNELS:
+        raise InputError(f"{name} has {count} channels; at most {MAX_CHANNELS} are read")
+    check_image(name, (max(1, count), y1 - y0 + 1, x1 - x0 + 1), max_pixels, fits)
     if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
         raise InputError(f"{name}: EXR data window differs from its display window; crop it to the image")
-    if len(header["channels"]) > MAX_CHANNELS + 1:
-        raise InputError(f"{name} has {len(header['channels'])} channels; at most {MAX_CHANNELS} are read")
     if any(channel.xSampling != 1 or channel.ySampling != 1 for channel in header["channels"]):
         raise InputError(f"{name} has subsampled channels; export all channels at full size")
 
 
-def read_exr(path: Path, max_pixels: int) -> Decoded:
+def read_exr(path: Path, max_pixels: int, fits: FitsCheck | None = None) -> Decoded:
     """A flat EXR, [C, H, W] in its own type.
 
     Raises:
@@ -81,7 +82,7 @@ def read_exr(path: Path, max_pixels: int) -> Decoded:
                     raise InputError(f"{name} is a multi-part or deep EXR; export one flat image")
                 header = dict(file.header())
                 description = own_description(str(header.get("nsfcDescription", "")))
-            _check_exr_header(header, name, max_pixels)
+            _check_exr_header(header, name, max_pixels, fits)
             with openexr.File(str(path), separate_channels=True) as file:
                 planes = {channel: data.pixels for channel, data in file.channels().items()}
     except CausticsError:

@@ -7,7 +7,7 @@ because 16-bit floats step by 2 um at 2 mm of relief.
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.arrays import read_array
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
 from warp_caustics.io.decoded import Decoded
-from warp_caustics.io.image_file import MAX_PIXELS, Array
+from warp_caustics.io.image_file import MAX_PIXELS, MAX_VALUES, Array, FitsCheck
 from warp_caustics.io.image_format import sniff_format
 from warp_caustics.io.tiff import read_tiff
 
@@ -42,7 +42,7 @@ def _check_shape(name: str, shape: Sequence[int], batch: bool) -> None:
         raise InputError(f"{name} has shape {tuple(shape)}; give a square height map {axes}{hint}")
     if shape[-1] < 2 or shape[0] < 1:
         raise InputError(f"{name} has shape {tuple(shape)}; give at least 2 x 2 samples")
-    if shape[-1] ** 2 > MAX_PIXELS or (batch and shape[0] * shape[-1] ** 2 > 64 * MAX_PIXELS):
+    if shape[-1] ** 2 > MAX_PIXELS or (batch and shape[0] * shape[-1] ** 2 > MAX_VALUES):
         raise InputError(f"{name} claims shape {tuple(shape)}; at most {MAX_PIXELS:.3g} samples are read, crop it")
 
 
@@ -65,13 +65,16 @@ def _checked_heights(array: Array, name: str, batch: bool) -> npt.NDArray[np.flo
     return heights
 
 
-def read_heights(path: PathLike, *, dataset: str | None = None, batch: bool = False) -> npt.NDArray[np.float64]:
+def read_heights(
+    path: PathLike, *, dataset: str | None = None, batch: bool = False, fits: Callable[[int], None] | None = None
+) -> npt.NDArray[np.float64]:
     """Read a height map.
 
     Args:
         path: NPY, NPZ, float TIFF or HDF5 file; its content tells which.
         dataset: array in NPZ or HDF5, ``heights_m`` if not given.
         batch: expect several maps, shape [B, n, n]; not in TIFF.
+        fits: called with n before the numbers are read; raises to refuse it.
 
     Returns:
         Relief above the base [m], float64, shape [n, n] or [B, n, n].
@@ -86,11 +89,17 @@ def read_heights(path: PathLike, *, dataset: str | None = None, batch: bool = Fa
     if format_ not in ("npy", "npz", "tiff", "hdf5"):
         raise InputError(f"{name} is {format_}, which holds pictures; give heights as NPY, NPZ, float TIFF or HDF5")
     if dataset is not None and format_ not in ("npz", "hdf5"):
-        raise InputError(f"{name} is {format_}, which has no datasets; leave dataset={dataset!r} out")
+        raise InputError(f"{name} is {format_}, which has no datasets; leave --dataset {dataset} out")
+
+    def check(shape: Sequence[int]) -> None:
+        _check_shape(name, shape, batch)
+        if fits is not None:
+            fits(shape[-1])
+
     if format_ == "tiff":
-        decoded = _one_layer(read_tiff(path, None, MAX_PIXELS), name)
+        decoded = _one_layer(read_tiff(path, None, MAX_PIXELS, _one_layer_of(name, check)), name)
     else:
-        decoded = read_array(path, format_, dataset or _KEY, lambda shape: _check_shape(name, shape, batch))
+        decoded = read_array(path, format_, dataset or _KEY, check)
     unit = decoded.description.get("units", "m")
     if unit != "m":
         raise InputError(f"{name} records the unit {unit!r}; give heights in metres")
@@ -112,13 +121,26 @@ def read_relief(path: PathLike, samples: int, role: str) -> npt.NDArray[np.float
         MismatchError: another shape.
         InputError: as of :func:`read_heights`.
     """
-    heights = read_heights(path)
-    if heights.shape != (samples, samples):
-        raise MismatchError(
-            f"{role} {os.fspath(path)!r} has shape {list(heights.shape)}, the scene [{samples}, {samples}]; "
-            f"resample it, or --set scene.height_samples={len(heights)}"
-        )
-    return heights
+
+    def fits(n: int) -> None:
+        if n != samples:
+            raise MismatchError(
+                f"{role} {os.fspath(path)!r} has shape {[n, n]}, the scene [{samples}, {samples}]; "
+                f"resample it, or --set scene.height_samples={n}"
+            )
+
+    return read_heights(path, fits=fits)
+
+
+def _one_layer_of(name: str, check: Callable[[Sequence[int]], None]) -> FitsCheck:
+    """The check of a picture's shape, which must have one channel."""
+
+    def fits(channels: int, rows: int, columns: int) -> None:
+        if channels != 1:
+            raise InputError(f"{name} has {channels} channels; give one channel of heights in metres")
+        check((rows, columns))
+
+    return fits
 
 
 def _one_layer(decoded: Decoded, name: str) -> Decoded:

@@ -1,7 +1,7 @@
 """One image as its file holds it, and what its array of pixels must satisfy."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,12 @@ from warp_caustics.errors import InputError
 
 Array = npt.NDArray[Any]
 
+FitsCheck = Callable[[int, int, int], None]
+"""Called with channels, rows and columns before pixels are decoded; raises to refuse them."""
+
 MAX_PIXELS = 64_000_000
+MAX_VALUES = 256_000_000
+"""Of all channels together, a gigabyte as float32: the one limit of what a file may claim."""
 MAX_CHANNELS = 64
 """The largest number of wavelengths a scene may have."""
 MAX_NEGATIVE = 1e-3
@@ -46,18 +51,36 @@ def check_pixels(name: str, shape: Sequence[int], max_pixels: int) -> None:
     """Refuse a size from a header before anything is allocated.
 
     Raises:
-        InputError: an axis is empty, or there are more than ``max_pixels`` pixels or MAX_CHANNELS channels.
+        InputError: an axis is empty, or there are more than ``max_pixels`` pixels, MAX_CHANNELS channels or
+            MAX_VALUES values.
     """
     if len(shape) not in (2, 3):
         raise InputError(f"{name} has {len(shape)} axes {tuple(shape)}; give [row, column] or [channel, row, column]")
     if min(shape) < 1:
         raise InputError(f"{name} is empty, its shape is {tuple(shape)}; give an image of at least 1 x 1")
     channels = 1 if len(shape) == 2 else min(shape)
-    if math.prod(shape) > max_pixels * channels or channels > MAX_CHANNELS:
+    values = math.prod(shape)
+    if values > min(max_pixels * channels, MAX_VALUES) or channels > MAX_CHANNELS:
         size = " x ".join(map(str, shape))
         raise InputError(
-            f"{name} claims {size} values; at most {max_pixels:.3g} pixels of {MAX_CHANNELS} channels are read; crop it"
+            f"{name} claims {size} values; at most {max_pixels:.3g} pixels, {MAX_CHANNELS} channels and "
+            f"{MAX_VALUES:.3g} values are read; crop it"
         )
+
+
+def check_image(name: str, shape: Sequence[int], max_pixels: int, fits: FitsCheck | None) -> None:
+    """:func:`check_pixels`, and what the reader of the image asks.
+
+    Args:
+        name: of the file, for messages.
+        shape: [H, W] or [C, H, W].
+        max_pixels: largest H * W.
+        fits: called with C, H, W; None takes any.
+    """
+    check_pixels(name, shape, max_pixels)
+    if fits is not None:
+        channels, rows, columns = (1, *shape)[-3:]
+        fits(channels, rows, columns)
 
 
 def channel_axis(shape: Sequence[int]) -> int:

@@ -4,6 +4,7 @@ import codecs
 from pathlib import Path
 
 from warp_caustics.errors import InputError
+from warp_caustics.io.regular import open_regular
 
 SUFFIXES = {
     ".png": "png",
@@ -57,7 +58,7 @@ def sniff_format(path: Path) -> tuple[str, list[str]]:
     Raises:
         InputError: the content is no format that keeps all bits.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         head = stream.read(512)
     name = repr(str(path))
     if head.startswith((b"II*\0", b"MM\0*")) and head[8:10] == b"CR":

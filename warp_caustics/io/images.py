@@ -23,7 +23,17 @@ from warp_caustics.io.arrays import read_array, write_hdf5, write_npy, write_npz
 from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
 from warp_caustics.io.decoded import Decoded
 from warp_caustics.io.exr import read_exr, write_exr
-from warp_caustics.io.image_file import MAX_PIXELS, Array, ImageFile, channel_first, check_pixels, checked_values
+from warp_caustics.io.image_file import (
+    MAX_PIXELS,
+    Array,
+    FitsCheck,
+    ImageFile,
+    channel_axis,
+    channel_first,
+    check_image,
+    check_pixels,
+    checked_values,
+)
 from warp_caustics.io.image_format import SUFFIXES, sniff_format
 from warp_caustics.io.image_output import Output, checked_output
 from warp_caustics.io.jpeg import read_jpeg
@@ -35,17 +45,25 @@ __all__ = ["MAX_PIXELS", "ImageFile", "read_image", "write_image"]
 
 def _linearised(array: Array, transfer: str | None, full_scale: float | None, name: str) -> tuple[Array, list[str]]:
     if transfer not in (None, "srgb", "linear"):
-        raise InputError(f"transfer {transfer!r} is not known; use 'srgb' or 'linear'")
+        raise InputError(f"transfer {transfer!r} is not known; use srgb or linear")
     if transfer == "srgb":
         if full_scale is None:
-            raise InputError(f"{name} holds floats, which have no sRGB curve here; leave transfer out")
+            raise InputError(f"{name} holds floats, which have no sRGB curve here; leave --transfer srgb out")
         x = array.astype(np.float64) / full_scale
         # IEC 61966-2-1
         return full_scale * np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), []
     if transfer is None and full_scale == 255:
         levels = "8 bits leave 256 levels, and the tone curve is unknown: linear was assumed"
-        return array, [f"{name}: {levels}; export 16 bits, or say transfer='srgb' or 'linear'"]
+        return array, [f"{name}: {levels}; export 16 bits, or give --transfer srgb or linear"]
     return array, []
+
+
+def _check_bare(name: str, shape: Sequence[int], max_pixels: int, fits: FitsCheck | None) -> None:
+    """Shape of a bare array, whose channel axis is a guess."""
+    check_pixels(name, shape, max_pixels)
+    axis = channel_axis(shape) if len(shape) == 3 else 0
+    if axis >= 0:
+        check_image(name, (shape[2], *shape[:2]) if axis == 2 else shape, max_pixels, fits)
 
 
 def _value_notes(values: npt.NDArray[np.float32], array: Array, name: str) -> list[str]:
@@ -82,6 +100,7 @@ def read_image(
     dataset: str | None = None,
     transfer: str | None = None,
     max_pixels: int = MAX_PIXELS,
+    fits: FitsCheck | None = None,
 ) -> ImageFile:
     """Read one image with every level it holds.
 
@@ -94,6 +113,7 @@ def read_image(
         dataset: array in HDF5 or NPZ, ``image`` if not given.
         transfer: tone curve of integer data, ``"srgb"`` or ``"linear"``; not given: linear, with a warning at 8 bits.
         max_pixels: largest H * W, checked before decoding.
+        fits: called with channels, rows and columns before decoding; raises to refuse an image that nobody can use.
 
     Returns:
         The image; ``values`` has shape [C, H, W].
@@ -106,25 +126,25 @@ def read_image(
     name = repr(str(path))
     format_, notes = sniff_format(path)
     if page is not None and format_ != "tiff":
-        raise InputError(f"{name} is {format_}, which has no pages; leave page={page} out")
+        raise InputError(f"{name} is {format_}, which has no pages; leave --page {page} out")
     if dataset is not None and format_ not in ("npz", "hdf5"):
-        raise InputError(f"{name} is {format_}, which has no datasets; leave dataset={dataset!r} out")
+        raise InputError(f"{name} is {format_}, which has no datasets; leave --dataset {dataset} out")
     try:
         if format_ == "png":
-            decoded = read_png(path, max_pixels)
+            decoded = read_png(path, max_pixels, fits)
         elif format_ == "tiff":
-            decoded = read_tiff(path, page, max_pixels)
+            decoded = read_tiff(path, page, max_pixels, fits)
         elif format_ == "jpeg":
             if transfer != "srgb":
                 raise InputError(
                     f"{name} is JPEG, which holds toned 8-bit values; export a 16-bit linear TIFF, "
-                    "or say transfer='srgb' to take it as it is"
+                    "or give --transfer srgb to take it as it is"
                 )
-            decoded = read_jpeg(path, max_pixels)
+            decoded = read_jpeg(path, max_pixels, fits)
         elif format_ == "exr":
-            decoded = read_exr(path, max_pixels)
+            decoded = read_exr(path, max_pixels, fits)
         else:
-            decoded = read_array(path, format_, dataset or "image", lambda s: check_pixels(name, s, max_pixels))
+            decoded = read_array(path, format_, dataset or "image", lambda s: _check_bare(name, s, max_pixels, fits))
             decoded.array = channel_first(decoded.array, name)
     except OSError as error:
         raise InputError(f"{name} could not be read to its end ({reason(error)}); is it still there?") from error

@@ -11,7 +11,7 @@ import numpy as np
 from warp_caustics.errors import CausticsError, DamagedDataError, InputError
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded
-from warp_caustics.io.image_file import check_pixels
+from warp_caustics.io.image_file import FitsCheck, check_image
 
 _ORIENTATION = 0x0112
 _TURNS = {
@@ -25,7 +25,7 @@ _TURNS = {
 }
 
 
-def read_jpeg(path: Path, max_pixels: int) -> Decoded:
+def read_jpeg(path: Path, max_pixels: int, fits: FitsCheck | None = None) -> Decoded:
     """A JPEG, uint8 [C, H, W], upright as its EXIF orientation asks.
 
     Raises:
@@ -37,16 +37,19 @@ def read_jpeg(path: Path, max_pixels: int) -> Decoded:
     name = repr(str(path))
     try:
         with Image.open(path, formats=("JPEG", "MPO")) as picture:
-            check_pixels(name, (picture.height, picture.width), max_pixels)
             if picture.mode not in ("L", "RGB"):
                 raise InputError(f"{name} is a JPEG of kind {picture.mode}; export gray or RGB")
+            turn = picture.getexif().get(_ORIENTATION, 1)
+            sides = (picture.height, picture.width)
+            # From 5 on the picture lies on its side.
+            rows, columns = sides[::-1] if turn in (5, 6, 7, 8) else sides
+            check_image(name, (len(picture.getbands()), rows, columns), max_pixels, fits)
             notes = [f"{name} is a JPEG: lossy, 8 bits and toned by the camera; export a 16-bit linear TIFF if you can"]
             frames = int(getattr(picture, "n_frames", 1))
             if frames > 1:
                 notes.append(f"{name} holds {frames} pictures (MPO); the first was read")
             if "icc_profile" in picture.info:
                 notes.append(f"{name} carries a colour profile, which is not applied; sRGB was assumed")
-            turn = picture.getexif().get(_ORIENTATION, 1)
             upright = ImageOps.exif_transpose(picture)
             if turn in _TURNS:
                 notes.append(

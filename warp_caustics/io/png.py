@@ -10,19 +10,52 @@ import numpy as np
 from warp_caustics.errors import DamagedDataError, InputError
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded, check_orientation, own_description, without_alpha
-from warp_caustics.io.image_file import check_pixels
+from warp_caustics.io.image_file import FitsCheck, check_image
 from warp_caustics.io.image_output import Output
+from warp_caustics.io.regular import open_regular, read_regular
+
+_MAX_CHUNKS = 200_000
+"""The largest picture in pieces of 8 kB has 48,000."""
+_MAX_EXTRA_BYTES = 1 << 24
+"""Of chunks other than pixels, and of what pixels grow by that cannot be compressed."""
+_COLOURS = {0: 1, 2: 3, 4: 1, 6: 3}
+"""Colour type to channels without alpha."""
+
+
+def _checked_header(path: Path, name: str, max_pixels: int, fits: FitsCheck | None) -> int:
+    """Colour type of a PNG whose header and size allow reading it at all."""
+    with open_regular(path) as file:
+        head = file.read(33)
+    if len(head) < 33 or head[12:16] != b"IHDR" or head[8:12] != b"\0\0\0\x0d":
+        raise DamagedDataError(f"{name}: PNG has no valid header; export it again")
+    if zlib.crc32(head[12:29]) != int.from_bytes(head[29:33], "big"):
+        raise DamagedDataError(f"{name}: checksum of PNG chunk b'IHDR' is wrong; export or copy it again")
+    width, height, bits, colour = struct.unpack_from(">IIBB", head, 16)
+    check_image(name, (_COLOURS.get(colour, 1), height, width), max_pixels, None)
+    if colour not in _COLOURS or bits not in (8, 16):
+        kind = "a palette" if colour == 3 else f"{bits} bit per value"
+        raise InputError(f"{name} is a PNG with {kind}; export gray or RGB with 16 bits")
+    if fits is not None:
+        fits(_COLOURS[colour], height, width)
+    needed = height * (1 + width * bits // 8 * (_COLOURS[colour] + (colour in (4, 6))))
+    size = path.stat().st_size
+    if size > needed + needed // 100 + _MAX_EXTRA_BYTES:
+        raise InputError(f"{name} has {size} bytes, its pixels need {needed}; export it again")
+    return int(colour)
 
 
 def _png_chunks(data: bytes, name: str) -> tuple[dict[bytes, bytes], int]:
     """First chunk of each kind (IDAT left out) and the end of the image; every checksum is verified."""
     chunks: dict[bytes, bytes] = {}
-    position = 8
+    position, count = 8, 0
     while position + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, position)
         end = position + 12 + length
         if end > len(data):
             break
+        count += 1
+        if count > _MAX_CHUNKS:
+            raise InputError(f"{name} has more than {_MAX_CHUNKS} chunks; export it again")
         if zlib.crc32(data[position + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
             raise DamagedDataError(f"{name}: checksum of PNG chunk {kind!r} is wrong; export or copy it again")
         if kind != b"IDAT":
@@ -52,7 +85,7 @@ def _png_text(chunk: bytes | None) -> dict[str, Any]:
     return own_description(text.decode("latin-1")) if keyword == b"Description" else {}
 
 
-def read_png(path: Path, max_pixels: int) -> Decoded:
+def read_png(path: Path, max_pixels: int, fits: FitsCheck | None = None) -> Decoded:
     """A PNG, [C, H, W] in its own type.
 
     Raises:
@@ -62,18 +95,9 @@ def read_png(path: Path, max_pixels: int) -> Decoded:
     import imagecodecs
 
     name = repr(str(path))
-    size = path.stat().st_size
-    if size > max_pixels * 9 + (1 << 24):
-        raise InputError(f"{name} has {size} bytes, more than {max_pixels:.3g} pixels need; crop it")
-    data = path.read_bytes()
+    colour = _checked_header(path, name, max_pixels, fits)
+    data = read_regular(path, max_bytes=path.stat().st_size)
     chunks, end = _png_chunks(data, name)
-    if len(chunks.get(b"IHDR", b"")) != 13:
-        raise DamagedDataError(f"{name}: PNG has no valid header; export it again")
-    width, height, bits, colour = struct.unpack_from(">IIBB", chunks[b"IHDR"])
-    check_pixels(name, (height, width), max_pixels)
-    if colour == 3 or bits not in (8, 16):
-        kind = "a palette" if colour == 3 else f"{bits} bit per value"
-        raise InputError(f"{name} is a PNG with {kind}; export gray or RGB with 16 bits")
     if b"acTL" in chunks:
         raise InputError(f"{name} is an animated PNG; export one frame")
     if b"tRNS" in chunks:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.io.atomic import PathLike, reason, regular_file
+from warp_caustics.io.regular import open_regular
 from warp_caustics.types import FloatArray
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".stl", ".ply", ".obj")
 MAX_BYTES = 500_000_000
+MAX_CORNERS = 64
+"""Of a face; plates are exported in triangles or quadrangles."""
+_MAX_LINE_BYTES = 10_000
 SIZE_TOLERANCE = 0.002
 """By this the outline may differ from the plate's size, relative to it."""
 _M_PER_MM = 1e-3
@@ -53,6 +57,8 @@ def read_solid(path: PathLike, scene: "Scene") -> FloatArray:
         raise InputError(f"{name} is no solid; give {', '.join(SUFFIXES)}")
     if file.stat().st_size > MAX_BYTES:
         raise InputError(f"{name} is larger than {MAX_BYTES // 1_000_000} MB; simplify the mesh")
+    if file.suffix.lower() == ".obj":
+        _check_faces(file, name)
     try:
         # Without a resolver OBJ files load nothing beside themselves.
         mesh = trimesh.load_mesh(str(file), process=False, skip_materials=True)
@@ -79,6 +85,14 @@ def read_solid(path: PathLike, scene: "Scene") -> FloatArray:
         where = f"({x[column] * 1e3:.4g}, {y[row] * 1e3:.4g}) mm"
         raise InputError(f"{name} has a hole at {where} from its centre; give a closed solid of the whole plate")
     return top - scene.base_thickness_m
+
+
+def _check_faces(file: Path, name: str) -> None:
+    """A face of many corners is cut into triangles at a cost that grows faster than they do."""
+    with open_regular(file) as stream:
+        while line := stream.readline(_MAX_LINE_BYTES):
+            if len(line) == _MAX_LINE_BYTES or (line[:2] == b"f " and len(line.split()) - 1 > MAX_CORNERS):
+                raise InputError(f"{name} has a face of more than {MAX_CORNERS} corners; export triangles")
 
 
 def top_heights(triangles_m: FloatArray, x_m: FloatArray, y_m: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from warp_caustics.errors import CausticsError, DamagedDataError, InputError
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded, check_orientation, own_description, without_alpha
-from warp_caustics.io.image_file import check_pixels
+from warp_caustics.io.image_file import FitsCheck, check_image, check_pixels
 from warp_caustics.io.image_output import Output
 
 # tifffile logs what it finds odd; without a handler Python would print that between the lines for the user.
@@ -25,7 +25,7 @@ _TIFF_BITS = ({8}, {16}, {32}, {64})
 def _tiff_page(tiff: Any, page: int | None, name: str) -> Any:
     count = len(tiff.pages)
     if page is None and count > 1:
-        raise InputError(f"{name} has {count} pages; choose one with page=0 to {count - 1}, or save one RGB page")
+        raise InputError(f"{name} has {count} pages; choose one with --page 0 to {count - 1}, or save one RGB page")
     if page is not None and not 0 <= page < count:
         raise InputError(f"{name} has no page {page}; choose 0 to {count - 1}")
     return tiff.pages[page or 0]
@@ -53,9 +53,8 @@ def _check_tiff_kind(page: Any, name: str) -> None:
     check_orientation(name, int(page.tags.valueof(274, 1)))
 
 
-def _check_tiff_segments(page: Any, name: str, max_pixels: int) -> None:
+def _check_tiff_segments(page: Any, name: str) -> None:
     """All strips or tiles must lie inside the file; the decoder fills missing ones with zeros."""
-    check_pixels(name, page.shape, max_pixels)
     tile = page.tilewidth * page.tilelength
     if page.is_tiled and tile > max(4 * page.imagewidth * page.imagelength, 1 << 22):
         raise InputError(
@@ -68,27 +67,38 @@ def _check_tiff_segments(page: Any, name: str, max_pixels: int) -> None:
         raise DamagedDataError(f"{name}: TIFF is truncated, parts of the image lie outside it; export or copy it again")
 
 
-def _decode_tiff(page: Any, name: str, max_pixels: int) -> Decoded:
+def _check_tiff_shape(page: Any, name: str, max_pixels: int, fits: FitsCheck | None) -> bool:
+    """Refuse sizes that nobody can use; tells whether the last sample is alpha."""
+    check_pixels(name, page.shape, max_pixels)
+    if page.axes not in ("YX", "YXS", "SYX"):
+        raise InputError(f"{name} has axes {page.axes}; export one gray or RGB image")
+    has_alpha = any(int(kind) in (1, 2) for kind in page.extrasamples)
+    samples = {"YX": 1, "YXS": page.shape[-1], "SYX": page.shape[0]}[page.axes]
+    rows, columns = page.shape[1:] if page.axes == "SYX" else page.shape[:2]
+    check_image(name, (max(1, samples - has_alpha), rows, columns), max_pixels, fits)
+    return has_alpha
+
+
+def _decode_tiff(page: Any, name: str, max_pixels: int, fits: FitsCheck | None) -> Decoded:
     _check_tiff_kind(page, name)
-    _check_tiff_segments(page, name, max_pixels)
+    has_alpha = _check_tiff_shape(page, name, max_pixels, fits)
+    _check_tiff_segments(page, name)
     description, notes = own_description(page.description), []
     if 34675 in page.tags:
         notes.append(f"{name} carries a colour profile, which is not applied; export linear data")
     array = page.asarray()
-    if page.axes not in ("YX", "YXS", "SYX"):
-        raise InputError(f"{name} has axes {page.axes}; export one gray or RGB image")
     array = np.moveaxis(array, -1, 0) if page.axes == "YXS" else array.reshape(-1, *array.shape[-2:])
     if int(page.photometric) == 0:
         if array.dtype.kind != "u":
             raise InputError(f"{name} is a float TIFF in which white is 0; export with black as 0")
         array = np.iinfo(array.dtype).max - array
         notes.append("white was stored as 0 (MinIsWhite); values were inverted")
-    if any(int(kind) in (1, 2) for kind in page.extrasamples):
+    if has_alpha:
         array = without_alpha(array, name, notes)
     return Decoded(array, description, notes)
 
 
-def read_tiff(path: Path, page: int | None, max_pixels: int) -> Decoded:
+def read_tiff(path: Path, page: int | None, max_pixels: int, fits: FitsCheck | None = None) -> Decoded:
     """One page of a TIFF, [C, H, W] in its own type.
 
     Raises:
@@ -100,7 +110,7 @@ def read_tiff(path: Path, page: int | None, max_pixels: int) -> Decoded:
     name = repr(str(path))
     try:
         with tifffile.TiffFile(path) as tiff:
-            return _decode_tiff(_tiff_page(tiff, page, name), name, max_pixels)
+            return _decode_tiff(_tiff_page(tiff, page, name), name, max_pixels, fits)
     except CausticsError:
         raise
     except Exception as error:

@@ -11,14 +11,22 @@ from typing import Any
 import yaml
 
 from warp_caustics.errors import InputError
+from warp_caustics.io.atomic import read_text
 
 MAX_YAML_BYTES = 1_000_000
+MAX_DIGITS = 300
+"""A float holds 309 before the point."""
+_LONG_NUMBER = re.compile(r"(?<![0-9A-Za-z#.])[0-9]{301,}(?![A-Za-z#])")
 
 
 class _Loader(yaml.SafeLoader):
     """YAML 1.2 core schema; refuses duplicate keys and aliases."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        tag = getattr(self.peek_event(), "tag", None)
+        if tag is not None:
+            mark, shown = self.get_mark(), tag.replace("tag:yaml.org,2002:", "!!")[:40]
+            raise yaml.constructor.ConstructorError(None, None, f"tags ({shown}) are not read; leave it out", mark)
         if self.check_event(yaml.AliasEvent):
             mark = self.get_mark()
             raise yaml.constructor.ConstructorError(None, None, "aliases (*name) are not read; write it out", mark)
@@ -51,6 +59,12 @@ for _tag, _pattern, _first in (
 
 def parsed_yaml(text: str, name: str) -> Any:
     """What a YAML text holds; InputError says where it is wrong."""
+    if len(text) > MAX_YAML_BYTES:
+        raise InputError(f"{name} has more than {MAX_YAML_BYTES} characters; give a shorter file")
+    # In the message of a Python int the limit is called set_int_max_str_digits.
+    long = _LONG_NUMBER.search(text)
+    if long is not None:
+        raise InputError(f"{name}: {long[0][:12]}... has more than {MAX_DIGITS} digits; give a number of this world")
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -63,14 +77,7 @@ def parsed_yaml(text: str, name: str) -> Any:
 
 def read_yaml(path: Path, example: str = "scene: {image_pixels: 256}") -> dict[str, Any]:
     """Content of a YAML file, a mapping; InputError says what is wrong with it, and what it might hold instead."""
-    content = path.read_bytes() if path.stat().st_size <= MAX_YAML_BYTES else b""
-    if not content:
-        raise InputError(f"{path} is larger than {MAX_YAML_BYTES} bytes; give a configuration file")
-    try:
-        text = content.decode()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is no text; give a YAML file") from error
-    tree = parsed_yaml(text, str(path))
+    tree = parsed_yaml(read_text(path, MAX_YAML_BYTES), str(path))
     if tree is None:
         return {}
     if not isinstance(tree, dict):

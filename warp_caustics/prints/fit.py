@@ -36,6 +36,12 @@ PRIOR_M = 2e-3
 LARGEST_END_STEP_M = 3e-4
 """In one step of the fit."""
 DESIGN_ITERATIONS = 8
+BLOCK_LINES = 400
+"""Fitted together at most: the normal equations grow with the square of their number, their solution with the cube."""
+BLOCK_VALUES = 1 << 25
+"""Lines times cells fitted together at most: a block takes 2 GB of derivatives at this."""
+BLOCK_SWEEPS = 2
+"""Over blocks that overlap: each sees the others where the sweep before left them."""
 WAVINESS_M = 5e-6
 """No height is trusted better [m]: lines are printed with some waviness."""
 
@@ -208,11 +214,56 @@ def fit_design(
     if not lines:
         return ()
     relief, sigma = (torch.as_tensor(values).to(model.device, torch.float32) for values in (heights_m, sigma_m))
-    fit = _DesignFit(model, lines, relief, (sigma.square() + WAVINESS_M**2).sqrt())
-    found = torch.tensor([[line.height_m, 0.0, 0.0] for line in lines], dtype=torch.float64)
-    found = fit.descended(fit.searched(fit.descended(found)))
-    found = fit.descended(fit.searched(found))
-    return fit.result(found)
+    sigma = (sigma.square() + WAVINESS_M**2).sqrt()
+    blocks = _blocks(lines, model.n)
+    if len(blocks) == 1:
+        fit = _DesignFit(model, lines, relief, sigma)
+        return fit.result(fit.found(_as_designed(lines)))
+    return _fitted_in_blocks(model, lines, blocks, relief, sigma)
+
+
+def _as_designed(lines: Sequence[Line]) -> torch.Tensor:
+    return torch.tensor([[line.height_m, 0.0, 0.0] for line in lines], dtype=torch.float64)
+
+
+def _blocks(lines: Sequence[Line], n: int) -> list[list[int]]:
+    """Numbers of lines that are fitted together: neighbours, in strips of the plate; one block where all fit in."""
+    most = max(1, min(BLOCK_LINES, BLOCK_VALUES // n**2))
+    if len(lines) <= most:
+        return [list(range(len(lines)))]
+    count = -(-len(lines) // most)
+    across = max(1, round(count**0.5))
+    by_y = sorted(range(len(lines)), key=lambda k: lines[k].start_m[1] + lines[k].end_m[1])
+    size = -(-len(lines) // across)
+    strips = [by_y[i : i + size] for i in range(0, len(by_y), size)]
+    blocks = []
+    for strip in strips:
+        by_x = sorted(strip, key=lambda k: lines[k].start_m[0] + lines[k].end_m[0])
+        blocks += [by_x[i : i + most] for i in range(0, len(by_x), most)]
+    return blocks
+
+
+def _fitted_in_blocks(
+    model: LineModel, lines: Sequence[Line], blocks: list[list[int]], relief: torch.Tensor, sigma: torch.Tensor
+) -> tuple[FittedLine, ...]:
+    """A design too large for one matrix: block after block, each in what the others leave of the relief.
+
+    Block coordinate descent. Uncertainties know of overlaps within a block only.
+    """
+    fits = [_DesignFit(model, [lines[k] for k in block], relief, sigma) for block in blocks]
+    found = [_as_designed(fit.lines) for fit in fits]
+    parts = [model.heights(fit.rows(there)) for fit, there in zip(fits, found, strict=True)]
+    total = torch.stack(parts).sum(dim=0)
+    for _ in range(BLOCK_SWEEPS):
+        for i, fit in enumerate(fits):
+            fit.relief = relief - (total - parts[i])
+            found[i] = fit.found(found[i])
+            new = model.heights(fit.rows(found[i]))
+            total, parts[i] = total - parts[i] + new, new
+    fitted: dict[int, FittedLine] = {}
+    for block, fit, there in zip(blocks, fits, found, strict=True):
+        fitted |= dict(zip(block, fit.result(there), strict=True))
+    return tuple(fitted[k] for k in range(len(lines)))
 
 
 class _DesignFit:
@@ -226,6 +277,11 @@ class _DesignFit:
         """What one metre of each offset does to a line's row, shape [L, 2, 6]."""
         self.across[:, 0, :2], self.across[:, 1, 2:4] = left, left
         self.held = torch.tensor([0.0, PRIOR_M**-2, PRIOR_M**-2], dtype=torch.float64).repeat(len(lines))
+
+    def found(self, start: torch.Tensor) -> torch.Tensor:
+        """Heights and offsets [m], shape [L, 3], descended and searched twice from a start."""
+        found = self.descended(self.searched(self.descended(start)))
+        return self.descended(self.searched(found))
 
     def rows(self, found: torch.Tensor) -> torch.Tensor:
         """Lines with their heights and offsets, shape [L, 6] [m]."""

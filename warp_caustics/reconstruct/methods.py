@@ -6,7 +6,7 @@ from typing import Any
 import pydantic
 import torch
 
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, known_names
 from warp_caustics.reconstruct.base import Reconstructor
 from warp_caustics.reconstruct.refine.options import RefineOptions
 from warp_caustics.reconstruct.refine.refine import Refine
@@ -65,7 +65,7 @@ def create_from(
 ) -> Reconstructor:
     """The method of that name from a registry; see :func:`create`."""
     if name not in methods:
-        raise InputError(f"method {name!r} is not known; use one of {', '.join(methods)}")
+        raise InputError(f"method {name!r} is not known; {known_names(name, methods)}")
     try:
         return methods[name](scene, options, device)
     except pydantic.ValidationError as error:

@@ -138,7 +138,7 @@ def test_red_is_the_longest_wavelength() -> None:
     capture = capture_to_irradiance(as_floats(LIGHT), scene=rising)
     np.testing.assert_allclose(capture.irradiance, LIGHT[::-1], rtol=1e-6)
     # An array has no red: nobody can tell.
-    with pytest.raises(InputError, match="wavelength_order, for example '430,530,610'"):
+    with pytest.raises(InputError, match="for example --wavelength-order 430,530,610"):
         capture_to_irradiance(as_floats(LIGHT, format="npy"), scene=rising)
 
 
@@ -154,7 +154,12 @@ RGB = as_floats(LIGHT)
 COUNTS = as_file(LIGHT * 5000)
 TOO_LARGE = as_floats(np.ones((3, 2 * M, 2 * M)))
 REFUSED: dict[str, tuple[ImageFile, dict[str, object], type[CausticsError], str]] = {
-    "gray for three": (as_floats(LIGHT[:1]), {}, MismatchError, "1 channels, the scene 3 wavelengths; record all"),
+    "gray for three": (
+        as_floats(LIGHT[:1]),
+        {},
+        MismatchError,
+        "--set scene.wavelengths_m=[530nm] --set scene.radiosity_W_m2=[1]",
+    ),
     "two for three": (as_floats(LIGHT[:2]), {}, MismatchError, "2 channels"),
     "five for three": (as_floats(np.ones((5, M, M))), {}, MismatchError, "5 channels"),
     "twice as large": (TOO_LARGE, {}, MismatchError, "average blocks of 2 x 2"),

@@ -75,3 +75,13 @@ def test_hash_of_a_file(tmp_path):
     assert file_sha256(tmp_path / "file") == hashlib.sha256(data).hexdigest()
     with pytest.raises(FileNotFoundError):
         file_sha256(tmp_path / "none")
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+x", "-cmd|' /C calc'!A0", "@SUM(A1)", "\tx", "'=x", "''+y"])
+def test_text_that_spreadsheets_would_run_is_escaped_and_comes_back(tmp_path, text):
+    table = CsvTable(tmp_path / "table.csv", ("name", "value"))
+    table.write([{"name": text, "value": -1.5}])
+    table.append({"name": text, "value": "-2e-3"})
+    content = table.path.read_bytes().decode()
+    assert content.count("'" + text) == 2 or ('"' in text and ",-1.5\r\n" in content and ",-2e-3\r\n" in content)
+    assert [row["name"] for row in table.read()] == [text, text]

@@ -50,7 +50,7 @@ def test_jpeg_needs_its_tone_curve(tmp_path: Path, mode: str) -> None:
     path = tmp_path / "x.jpg"
     path.write_bytes(jpeg(letter_f(), mode))
     for transfer in (None, "linear"):
-        refusal(path, InputError, "transfer='srgb'", transfer=transfer)
+        refusal(path, InputError, "--transfer srgb", transfer=transfer)
     image = read_image(path, transfer="srgb")
     assert (image.format, image.bit_depth, image.full_scale, len(image.values)) == ("jpeg", 8, 255, len(mode))
     assert np.median(np.abs(image.values - linear(letter_f()))) < 2

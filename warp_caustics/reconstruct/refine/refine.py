@@ -159,7 +159,8 @@ class Refine(Reconstructor):
         warnings = []
         if sizes[-1] < self.scene.image_pixels:
             warnings.append(
-                f"image binned to {sizes[-1]} pixels to save time; finest_pixels={self.scene.image_pixels} uses all"
+                f"image binned to {sizes[-1]} pixels to save time; "
+                f"--set reconstruction.options.finest_pixels={self.scene.image_pixels} uses all"
             )
         told = exposure_warning(resimulation.exposure, LEAST_EXPOSURE_ERROR)
         if told is not None:

@@ -4,6 +4,7 @@ The published evaluation derives both from the true relief. Here they are
 inputs, and every result says where they came from.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Literal
@@ -115,15 +116,22 @@ def given_mask(mask: Any, scene: Scene) -> BoolArray:
         InputError: no real numbers, another shape, or unreadable.
     """
     n = scene.height_samples
-    array = read_image(mask).values.any(axis=0) if isinstance(mask, str | PathLike) else np.asarray(mask)
+    if isinstance(mask, str | PathLike):
+        array = read_image(mask, fits=lambda _, *size: _check_mask(size, n)).values.any(axis=0)
+    else:
+        array = np.asarray(mask)
     if array.dtype.kind not in "buif":
         raise InputError(f"mask is {array.dtype}; give True where glass may be, or the path of an image")
-    if array.shape != (n, n):
-        raise InputError(f"mask has shape {list(array.shape)}, the scene needs [{n}, {n}]; resample it")
+    _check_mask(array.shape, n)
     if not np.isfinite(array).all():
         raise InputError("mask has values that are not finite; use True or 1 where glass may be, else False or 0")
     printed: BoolArray = array != 0
     return printed
+
+
+def _check_mask(shape: Sequence[int], n: int) -> None:
+    if tuple(shape) != (n, n):
+        raise InputError(f"mask has shape {list(shape)}, the scene needs [{n}, {n}]; resample it")
 
 
 def true_heights(field: Any, scene: Scene) -> FloatArray:

@@ -301,7 +301,8 @@ class Sfc(Reconstructor):
             yield f"{told} derived from the true relief (oracle): privileged knowledge that no measurement has"
         if pixels < self.scene.image_pixels:
             m = self.scene.image_pixels
-            yield f"image binned to {pixels} pixels to save time; finest_pixels={m} uses all"
+            fix = f"--set reconstruction.options.finest_pixels={m}"
+            yield f"image binned to {pixels} pixels to save time; {fix} uses all"
         if point.discrepancy is None and options.discrepancy > 0:
             yield "the noise of the image is unknown, so nothing stopped the iteration at it; give relative_noise"
         if reason == "max_iterations" and point.discrepancy is not None and 0 < options.discrepancy < point.discrepancy:
