@@ -13,7 +13,9 @@ from warp_caustics.io.json_file import write_json
 from warp_caustics.scene import Scene
 
 
-def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS) -> dict[str, Any]:
+def write_testset(
+    directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS, n_photons: int | None = None
+) -> dict[str, Any]:
     """Write ``field_0_heights.npy``, ``field_0_image.tif`` ... and ``testset.json``.
 
     Args:
@@ -21,6 +23,7 @@ def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_
         scene: the set-up.
         device: where to simulate.
         fields: how many of the ten.
+        n_photons: light paths per wavelength; None for those of the test set.
 
     Returns:
         What ``testset.json`` holds.
@@ -36,7 +39,8 @@ def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_
     except OSError as error:
         raise InputError(f"folder {directory!r} cannot be made ({error.strerror}); create its parent first") from error
     heights = field_heights(scene, device)[:fields].astype(np.float64)
-    images = field_images(scene, device, fields=fields)
+    photons = TEST_PHOTONS.model_copy(update={"n_photons": n_photons} if n_photons is not None else {})
+    images = field_images(scene, device, fields=fields, photons=photons)
     names = [f"field_{k}" for k in range(fields)]
     for name, relief, image in zip(names, heights, images, strict=True):
         write_heights(folder / f"{name}_heights.npy", relief)
@@ -47,7 +51,7 @@ def write_testset(directory: str, scene: Scene, device: str, fields: int = TEST_
         "fields": names,
         "flat_guess_rmse_um": (np.sqrt((heights**2).mean(axis=(1, 2))) * 1e6).tolist(),
         "noise_std_of_flat": NOISE_STD,
-        "photons": TEST_PHOTONS.model_dump(),
+        "photons": photons.model_dump(),
         "scene": scene.model_dump(mode="json"),
     }
     write_json(folder / "testset.json", record)

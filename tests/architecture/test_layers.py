@@ -28,7 +28,7 @@ LAYERS = {
         "fused",
         "engine",
         "simulator oracle",
-        "tape energy fold_fraction data_gradient device far_screen",
+        "tape energy fold_fraction data_gradient device far_screen plan",
         "capture reconstruct",
         "inspection design",
     ),
