@@ -33,7 +33,7 @@ LAYERS = {
         "inspection design",
     ),
     "warp_caustics.reconstruct": (
-        "base objective",
+        "plot base objective",
         "exposure folds volume pyramid run_log",
         "seen_camera",
         "result",
