@@ -14,6 +14,7 @@ import torch
 import warp as wp
 from scipy.ndimage import gaussian_filter
 
+from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.energy import energy_budget
 from warp_caustics.kernels.trace import FATE_NAMES
@@ -21,7 +22,6 @@ from warp_caustics.metrics import height_errors
 from warp_caustics.oracle import oracle_image
 from warp_caustics.photons import Chunk
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 from warp_caustics.tape import simulate_on_tape
 
 DATA = Path(__file__).parents[1] / "tests" / "data"

@@ -40,7 +40,11 @@ OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.h
     help="Where methods that iterate are stopped and looked at.",
 )
 @click.option("--noise", type=number, default=0.01, show_default=True, help="Noise of simulated images, of flat light.")
-@click.option("--n-photons", type=integer, help="Light paths of simulated images, per wavelength. [default: 16000000]")
+@click.option(
+    "--n-photons",
+    type=integer,
+    help="Light paths of simulated images, per wavelength. [default: data.clean.n_photons, or 16000000]",
+)
 @click.option("--jobs", type=integer, default=1, show_default=True, help="Processes; times are longer with several.")
 @click.option("--force", is_flag=True, help="Compute all cells anew.")
 @device_option
@@ -74,7 +78,7 @@ def compare(
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
     config = load_config(config_source, settings)
     scene = config.scene
-    photons = _photons(n_photons)
+    photons = _photons(n_photons or config.data.clean.n_photons)
     _check_noise(noise)
     console = Console(as_json)
     advice = "name a new folder, or an earlier one"

@@ -87,6 +87,25 @@ class DataConfig(Strict):
     """The denoiser's target, and the updater's target image."""
 
 
+class ValidationWish(Strict):
+    """What is known of the samples that a network is judged by; None takes what suits the kind of training."""
+
+    count: Annotated[int, Field(ge=1, le=4096)] | None = None
+    """Number of fixed samples."""
+
+
+class TrainingWish(Strict):
+    """What is known of a training; None takes what suits its kind. ``nsfc train`` takes all keys of a run here."""
+
+    total_steps: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """Length of the whole run in steps."""
+    steps_per_epoch: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """Steps between validations."""
+    batch_size: Annotated[int, Field(ge=1, le=4096)] | None = None
+    """Samples per step."""
+    validation: ValidationWish = ValidationWish()
+
+
 class Config(Strict):
     """Everything that can be set: Tab. 1 (scene, simulation), Tab. 2 (denoiser, updater) and Tab. 3 (reliefs)."""
 
@@ -97,6 +116,7 @@ class Config(Strict):
     data: DataConfig = DataConfig()
     denoiser: NetworkConfig = BEST_DENOISER
     updater: NetworkConfig = BEST_UPDATER
+    training: TrainingWish = TrainingWish()
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""

@@ -3,6 +3,7 @@
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 LOG_INTERVAL_S = 10.0
 """Least time between two progress lines where there is no terminal."""
+
+_PACE_ITERATIONS = 16
+"""Iterations over which a rate is taken: steady enough to read, quick to follow changes."""
 
 
 class Console:
@@ -86,9 +90,10 @@ def _bar() -> Iterator[Callable[["Progress"], None]]:
         MofNCompleteColumn(),
         TextColumn("{task.fields[residual]}"),
         TimeElapsedColumn(),
+        TextColumn("{task.fields[pace]}"),
     )
     with terminal_bar(*columns) as bar:
-        task = bar.add_task("preparing", total=None, residual="")
+        task, pace = bar.add_task("preparing", total=None, residual="", pace=""), _Pace()
 
         def show(state: "Progress") -> None:
             bar.update(
@@ -97,9 +102,32 @@ def _bar() -> Iterator[Callable[["Progress"], None]]:
                 completed=state.iteration,
                 total=state.total,
                 residual=_residual(state),
+                pace=pace(state),
             )
 
         yield show
+
+
+class _Pace:
+    """Rate of a reconstruction and the time it may still take, from its last iterations at the present stage."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self.recent: deque[tuple[float, int]] = deque(maxlen=_PACE_ITERATIONS)
+
+    def __call__(self, state: "Progress") -> str:
+        if state.stage != self.stage:
+            # Iterations of another stage take another time.
+            self.stage = state.stage
+            self.recent.clear()
+        self.recent.append((state.elapsed_s, state.iteration))
+        (first_s, first), (last_s, last) = self.recent[0], self.recent[-1]
+        if last <= first or last_s <= first_s:
+            return ""
+        rate = (last - first) / (last_s - first_s)
+        left = max(0, state.total - last)
+        # The total is an upper bound: most methods stop before.
+        return f"{rate:.3g}/s" + (f", at most {clock(left / rate)} left" if left else "")
 
 
 def _residual(state: "Progress", before: str = "") -> str:
@@ -109,14 +137,17 @@ def _residual(state: "Progress", before: str = "") -> str:
 
 def _log_lines() -> Callable[["Progress"], None]:
     last: tuple[str, float] = ("", -math.inf)
+    pace = _Pace()
 
     def show(state: "Progress") -> None:
         nonlocal last
+        speed = pace(state)
         if state.stage == last[0] and state.elapsed_s - last[1] < LOG_INTERVAL_S:
             return
         last = state.stage, state.elapsed_s
         click.echo(
-            f"[{state.elapsed_s:7.1f} s] {state.stage}: {state.iteration} of {state.total}{_residual(state, ', ')}",
+            f"[{state.elapsed_s:7.1f} s] {state.stage}: {state.iteration} of {state.total}"
+            f"{_residual(state, ', ')}{', ' * bool(speed)}{speed}",
             err=True,
         )
 
@@ -160,5 +191,19 @@ def _sample_lines() -> Callable[["BuildProgress"], None]:
 def _time_left(state: "BuildProgress", before: str = "") -> str:
     if state.eta_s is None or state.done == state.total:
         return ""
-    minutes, seconds = divmod(round(state.eta_s), 60)
-    return f"{before}{minutes // 60}:{minutes % 60:02d}:{seconds:02d} left"
+    return f"{before}{clock(state.eta_s)} left"
+
+
+def clock(seconds: float) -> str:
+    """A time as ``h:mm:ss``."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+def about(seconds: float) -> str:
+    """A time in words, for estimates."""
+    if seconds < 90:
+        return f"about {max(1, round(seconds))} s"
+    if seconds < 5400:
+        return f"about {seconds / 60:.0f} min"
+    return f"about {seconds / 3600:.2g} h" if seconds < 48 * 3600 else f"about {seconds / 86400:.0f} days"

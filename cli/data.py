@@ -189,7 +189,7 @@ def testset(
     from cli.testset import write_testset
 
     console = Console(as_json)
-    record = write_testset(directory, config.scene, started, fields, force)
+    record = write_testset(directory, config.scene, started, fields, force, config.data.clean.n_photons)
     for name, rms in zip(record["fields"], record["flat_guess_rmse_um"], strict=True):
         console.line(f"field      {name}: heights and image, {rms:.1f} um from flat")
     console.record(record)

@@ -10,7 +10,7 @@ from cli.provenance import file_records
 from warp_caustics.capture.read import read_capture
 from warp_caustics.capture.settings import CaptureSettings, capture_files, capture_settings
 from warp_caustics.errors import CausticsError, InputError
-from warp_caustics.io.heights import read_relief
+from warp_caustics.prints.relief_file import read_relief
 from warp_caustics.scene import Scene
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ def read_inputs(files: Mapping[str, str], scene: Scene, settings: CaptureSetting
         scene: what they must fit.
         settings: how to read and calibrate the image.
     """
-    image, n = files["image"], scene.height_samples
+    image, n, size = files["image"], scene.height_samples, scene.plate_size_m
     capture = read_capture(image, scene, settings)
-    reliefs = {kind: read_relief(files[kind], n, kind) for kind in ("initial", "reference") if kind in files}
+    reliefs = {kind: read_relief(files[kind], n, size, kind) for kind in ("initial", "reference") if kind in files}
     return Inputs(
         capture=capture,
         initial=reliefs.get("initial"),

@@ -17,9 +17,13 @@ LEAST_OVER_BORDER = 1e-4
 """Share of the light beyond the image's border that is worth a word."""
 
 
+_SAMPLES = "scene.height_samples"
+
+
 @click.command()
 @click.argument("heights", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), required=True, help="Image: .tif, .png, .exr, .npy, .npz or .h5.")
+@click.option("--noise", type=number, default=0.0, metavar="SHARE", help="White noise, of flat light: 0.01 is 1 %.")
 @click.option("--preset", help="Photon set: lattice (sharp, without noise) or paper (random, s = 16).")
 @click.option("--n-photons", type=integer, help="n_l: light paths per wavelength.")
 @click.option("--smoothing", type=number, help="s: scales the photon footprint.")
@@ -32,6 +36,7 @@ LEAST_OVER_BORDER = 1e-4
 def simulate(
     heights: str,
     output: str,
+    noise: float,
     preset: str | None,
     n_photons: int | None,
     smoothing: float | None,
@@ -43,19 +48,30 @@ def simulate(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Simulate the caustic of HEIGHTS, a map of the relief in metres (.npy, .npz, .tif or .h5)."""
+    """Simulate the caustic of HEIGHTS, a map of the relief in metres or a list of printed lines.
+
+    Maps are .npy, .npz, .tif or .h5 files, lists .csv or .yaml. The number of height samples is that of the map, unless
+    --config or --set say otherwise.
+    """
     import numpy as np
 
     from cli.config import config_files, load_config
     from cli.output import check_file
-    from warp_caustics.io.heights import read_heights
+    from warp_caustics.errors import InputError
     from warp_caustics.io.images import write_image
+    from warp_caustics.prints.relief_file import read_relief
 
     options = {
         "preset": preset, "n_photons": n_photons, "smoothing": smoothing, "placement": placement, "seed": seed,
     }  # fmt: skip
-    config = load_config(config_source, settings, {f"simulation.{key}": value for key, value in options.items()})
-    relief = read_heights(heights)
+    if not 0 <= noise <= 1:
+        raise InputError(f"--noise {noise:g} is not between 0 and 1, parts of flat light; 0.01 is 1 %")
+    overrides = {f"simulation.{key}": value for key, value in options.items()}
+    config = load_config(config_source, settings, overrides)
+    if config_source is None and not any(setting.strip().startswith(_SAMPLES) for setting in settings):
+        config = load_config(None, settings, {**overrides, _SAMPLES: _samples_of(heights)})
+    scene = config.scene
+    relief = read_relief(heights, scene.height_samples, scene.plate_size_m, "height map")
     check_file(output, force, [heights, *config_files(config_source)])
     _check_output(output, config.scene)
 
@@ -72,12 +88,18 @@ def simulate(
     elapsed_s = time.perf_counter() - start
     budget = energy_budget(simulator, on_device, on_screen)
     check_reaches(budget)
+    if noise > 0:
+        flat = np.array(scene.radiosity_W_m2, np.float32)[:, None, None]
+        drawn = np.random.default_rng(config.simulation.seed).standard_normal(image.shape, np.float32)
+        # A camera does not count below zero.
+        image = np.maximum(image + noise * flat * drawn, 0.0)
     write_image(output, image, wavelengths_m=config.scene.wavelengths_m, pixel_size_m=config.scene.pixel_size_m)
 
     console = Console(as_json)
     record: dict[str, Any] = {
         "output": output,
         "time_s": elapsed_s,
+        "noise": noise,
         "min_irradiance_W_m2": image.min(axis=(1, 2)),
         "max_irradiance_W_m2": image.max(axis=(1, 2)),
         "mean_irradiance_W_m2": image.mean(axis=(1, 2), dtype=np.float64),
@@ -93,6 +115,14 @@ def simulate(
     console.line(f"irradiance {image.min():.4g} to {image.max():.4g} W/m^2")
     console.line(*energy_lines(budget))
     console.record(record)
+
+
+def _samples_of(heights: str) -> int | None:
+    """Samples per side of a height map; None for a list of lines, which has none."""
+    from warp_caustics.io.heights import read_heights
+    from warp_caustics.prints.line_list import is_line_list
+
+    return None if is_line_list(heights) else len(read_heights(heights))
 
 
 def energy_lines(budget: dict[str, Any]) -> list[str]:

@@ -21,7 +21,12 @@ def testset_kind() -> ResultKind:
 
 
 def write_testset(
-    directory: str, scene: Scene, device: str, fields: int = TEST_FIELDS, force: bool = False
+    directory: str,
+    scene: Scene,
+    device: str,
+    fields: int = TEST_FIELDS,
+    force: bool = False,
+    n_photons: int | None = None,
 ) -> dict[str, Any]:
     """Write ``field_0_heights.npy``, ``field_0_image.tif`` ... and ``testset.json``.
 
@@ -31,6 +36,7 @@ def write_testset(
         device: where to simulate.
         fields: how many of the ten.
         force: replace earlier test fields.
+        n_photons: light paths per wavelength; None for those of the test set.
 
     Returns:
         What ``testset.json`` holds.
@@ -42,12 +48,13 @@ def write_testset(
         raise InputError(f"{fields} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
     kind = testset_kind()
     with result_folder(check_target(directory, force, kind), force, kind) as folder:
-        return _write(folder, scene, device, fields)
+        return _write(folder, scene, device, fields, n_photons)
 
 
-def _write(folder: Path, scene: Scene, device: str, fields: int) -> dict[str, Any]:
+def _write(folder: Path, scene: Scene, device: str, fields: int, n_photons: int | None) -> dict[str, Any]:
     heights = field_heights(scene, device)[:fields].astype(np.float64)
-    images = field_images(scene, device, fields=fields)
+    photons = TEST_PHOTONS.model_copy(update={"n_photons": n_photons} if n_photons is not None else {})
+    images = field_images(scene, device, fields=fields, photons=photons)
     names = [f"field_{k}" for k in range(fields)]
     for name, relief, image in zip(names, heights, images, strict=True):
         write_heights(folder / f"{name}_heights.npy", relief)
@@ -58,7 +65,7 @@ def _write(folder: Path, scene: Scene, device: str, fields: int) -> dict[str, An
         "fields": names,
         "flat_guess_rmse_um": (np.sqrt((heights**2).mean(axis=(1, 2))) * 1e6).tolist(),
         "noise_std_of_flat": NOISE_STD,
-        "photons": TEST_PHOTONS.model_dump(),
+        "photons": photons.model_dump(),
         "scene": scene.model_dump(mode="json"),
     }
     write_json(folder / "testset.json", record)

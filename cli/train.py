@@ -14,10 +14,13 @@ from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, InputError, ResourceError
 
 if TYPE_CHECKING:
+    from cli.train_progress import Outlook
     from nets.training.config import RunConfig
     from nets.training.progress import TrainingResult
 
 KINDS = ("denoiser", "updater", "direct", "unrolled")
+LARGE_ON_CPU = 256
+"""Pixels per side from which a training on a CPU takes days."""
 EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 
 
@@ -173,8 +176,23 @@ def _trained(
         write_text(folder / RESOLVED, dump_config(config))
     fabric = launched(*where)
     limits = Limits(max_steps, max_time_s=max_time)
-    with training_observer(console, is_first) as observer:
+    with training_observer(console, is_first, _outlook(config, max_steps, where[0])) as observer:
         return fit(config, folder, fabric, observer, limits, resume=resume)
+
+
+def _outlook(config: "RunConfig", max_steps: int | None, device: str) -> "Outlook":
+    """How long the run is, and on a CPU how long such runs usually are."""
+    from cli.train_progress import Outlook
+    from nets.shipped import shipped_steps
+
+    training = config.training
+    ends = [steps for steps in (training.total_steps, max_steps) if steps is not None]
+    is_large = config.scene.image_pixels >= LARGE_ON_CPU
+    return Outlook(
+        training.steps_per_epoch if config.data is None else None,
+        min(ends) if ends else None,
+        shipped_steps(config.kind) if device == "cpu" and is_large else None,
+    )
 
 
 def summary(output: str, result: "TrainingResult") -> list[str]:

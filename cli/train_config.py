@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.config import config_path, merged, nested, parsed_setting, validated
+from cli.config import TrainingWish, config_path, merged, nested, parsed_setting, validated
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
 from warp_caustics.io.yaml_file import read_yaml
+from warp_caustics.presets import PRESETS
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -60,11 +61,36 @@ def resumed_run(folder: "str | PathLike[str]", settings: Sequence[str], override
 def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
     """A configuration file for the whole program as one for training."""
     result = {key: value for key, value in tree.items() if key not in ("simulation", "reconstruction", "data")}
+    wishes, photons = result.get("training"), tree.get("data")
+    if kind in ("denoiser", "updater") and isinstance(photons, dict):
+        # A run reads a data set's name there; a configuration for the whole program says how fresh images are made.
+        wishes = {**_wished({name: _said_once(photons.get(name)) for name in ("noisy", "clean")}), **(wishes or {})}
+    if isinstance(wishes, dict):
+        result["training"] = _wished(wishes)
     numbers = {name: result.pop(name, None) for name in ("denoiser", "updater")}.get(kind)
     if numbers:
         result["network"] = {**(result.get("network") or {}), "network": numbers}
         rates = {key: numbers[key] for key in ("learning_rate", "lambda_tv") if numbers.get(key) is not None}
         result["training"] = {**rates, **(result.get("training") or {})}
+    return result
+
+
+def _said_once(photons: Any) -> Any:
+    """Without what the preset says as well: spelled out or not, a run is the same."""
+    if not isinstance(photons, dict):
+        return photons
+    preset = PRESETS.get(str(photons.get("preset")))
+    same = {"smoothing", "placement"} if preset is not None else set()
+    return {k: v for k, v in photons.items() if k not in same or v != getattr(preset, k)}
+
+
+def _wished(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Without what a configuration for the whole program leaves to the kind of training: what is null."""
+    known = set(TrainingWish.model_fields) | {"noisy", "clean"}
+    result = {key: value for key, value in tree.items() if value is not None or key not in known}
+    for name in known & set(result):
+        if isinstance(result[name], dict):
+            result[name] = {key: value for key, value in result[name].items() if value is not None}
     return result
 
 

@@ -11,9 +11,41 @@ if TYPE_CHECKING:
     from nets.weights import WeightsInfo
 
 
+USES = {
+    "denoiser": "photon noise of simulated images, for nsfc",
+    "direct": "image to heights, for direct, fibres, auto and inspect",
+    "updater": "the step of nsfc",
+    "updater-no-denoiser": "the step of nsfc without its denoiser (ablation)",
+    "updater-no-gradient": "the step of nsfc without the gradient (ablation)",
+}
+"""What each shipped network is for."""
+
+
 @click.group()
 def weights() -> None:
-    """Inspect and verify the weights of networks."""
+    """List, inspect and verify the weights of networks."""
+
+
+@weights.command(name="list")
+@json_option
+def list_(as_json: bool) -> None:
+    """List the networks that come with the software: what they are for, and their files."""
+    from nets.shipped import shipped_weights
+    from nets.weights import weights_info
+
+    console, records = Console(as_json), []
+    for file in shipped_weights():
+        found = weights_info(file)
+        uses = USES.get(file.stem, "")
+        scene = found.scene
+        console.line(
+            f"{file.stem:<20}  {found.architecture.kind:<9} {found.parameters / 1e6:4.1f} M parameters, "
+            f"{scene.height_samples}^2 heights, {scene.image_pixels}^2 pixels, "
+            f"{found.training.get('steps', '?')} steps: {uses}"
+        )
+        records.append({"file": str(file), "use": uses, **described(found)})
+    console.line("nsfc weights info FILE tells more; files lie in " + str(shipped_weights()[0].parent))
+    console.record({"networks": records})
 
 
 @weights.command()

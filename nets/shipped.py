@@ -65,6 +65,13 @@ def shipped_weights() -> list[Path]:
     return sorted(FOLDER.glob("*.safetensors"))
 
 
+def shipped_steps(kind: str) -> int | None:
+    """Steps that the longest training of a shipped network of that kind took; None where none ships."""
+    infos = [_info(file) for file in shipped_weights()]
+    steps = [int(info.training.get("steps", 0)) for info in infos if info.architecture.kind == kind]
+    return max(steps, default=0) or None
+
+
 def find_network(
     kind: str,
     scene: Scene,

@@ -25,6 +25,7 @@ RUN = [
     # Command, what is changed to make it quick, what is added.
     (r"nsfc (env|config) ", {}, ()),
     (r"nsfc weights ", {}, ()),
+    (r"nsfc plan ", {}, ()),
     (r"nsfc simulate ", {}, SMALL),
     (r"nsfc data build .*--scheduler", None, "needs a Dask scheduler; tests/data_gen/store/test_cluster.py has one"),
     (r"nsfc data build ", {r"--n \d+": "--n 2"}, SMALL),
@@ -35,6 +36,7 @@ RUN = [
         None,
         "needs a photo of a screen; tests/warp_caustics/capture makes some",
     ),
+    (r"nsfc (reconstruct|capture) examples/", None, "files of the checkout; tests/test_lab.py runs them"),
     (r"nsfc reconstruct .*--method (sfc|refine|transport)", {r"max_iterations=\d+": "max_iterations=2"}, SMALL),
     (r"nsfc reconstruct ", {}, ("--max-iterations", "2", *SMALL)),
     (r"nsfc .*[$*]", None, "files of the reader's own"),

@@ -22,8 +22,8 @@ from nets.evaluation.code_version import code_version
 from warp_caustics.capture.read import read_capture
 from warp_caustics.errors import InputError
 from warp_caustics.fold_fraction import fold_fraction
-from warp_caustics.io.heights import read_relief
 from warp_caustics.io.noise import estimate_noise_std
+from warp_caustics.prints.relief_file import read_relief
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -152,13 +152,13 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 def _simulated_source(path: str, scene: Scene) -> Source:
-    heights = read_relief(path, scene.height_samples, "field")
+    heights = read_relief(path, scene.height_samples, scene.plate_size_m, "field")
     return Source(Path(path).stem, heights, (array_hash(heights), 0))
 
 
 def _paired_source(heights: str, image: str, scene: Scene) -> Source:
     capture = read_capture(image, scene)
-    relief = read_relief(heights, scene.height_samples, "reference")
+    relief = read_relief(heights, scene.height_samples, scene.plate_size_m, "reference")
     return Source(Path(heights).stem, relief, (array_hash(relief), 0), capture.caustic, capture.warnings)
 
 

@@ -13,7 +13,7 @@ from nets.architecture import parameter_count
 from nets.search.config import SearchConfig, trial_run
 from nets.search.signals import StoppedError, check_stopped
 from nets.search.space import suggested
-from nets.training.batch import Batch, Source
+from nets.training.batch import Batch, Source, Told, silent
 from nets.training.devices import launched
 from nets.training.fit import FINAL_SECONDS, Limits, fit
 from nets.training.progress import DivergedError, TrainingProgress
@@ -38,7 +38,7 @@ class SharedSource:
     def resume(self, step: int) -> None:
         self.inner.resume(step)
 
-    def validation(self) -> list[Batch]:
+    def validation(self, told: Told = silent) -> list[Batch]:
         """Made once."""
         if not self._validation:
             self._validation = self.inner.validation()
@@ -122,6 +122,12 @@ class _EpochReporter:
         self.trial.report(self.best, self.epoch)
         if self.epoch < self.max_epochs and self.trial.should_prune():
             raise optuna.TrialPruned(f"not among the best after epoch {self.epoch}")
+
+    def stage(self, what: str, done: int, total: int) -> None:
+        pass
+
+    def tick(self, step: int, share: float | None, left_s: float | None) -> None:
+        pass
 
     def note(self, text: str) -> None:
         pass

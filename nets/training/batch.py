@@ -12,11 +12,20 @@ unrolled   image, heights, start
 =========  ====================================================================
 """
 
+from collections.abc import Callable
 from typing import Protocol
 
 import torch
 
 Batch = dict[str, torch.Tensor]
+
+Told = Callable[[int, int], None]
+"""Hears how many samples of how many are made."""
+
+
+def silent(done: int, total: int) -> None:
+    """Hears nothing."""
+
 
 IMAGES = {
     "denoiser": ("noisy", "clean"),
@@ -41,8 +50,8 @@ class Source(Protocol):
     def resume(self, step: int) -> None:
         """Prepare for ``step`` being the next batch asked for."""
 
-    def validation(self) -> list[Batch]:
-        """The fixed batches that networks are judged by."""
+    def validation(self, told: Told = silent) -> list[Batch]:
+        """The fixed batches that networks are judged by; ``told`` hears of each."""
 
     def close(self) -> None:
         """Release threads and processes."""

@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader, Sampler
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.store import CausticDataset
-from nets.training.batch import Batch
+from nets.training.batch import Batch, Told, silent
 from nets.training.config import RunConfig
 from nets.training.keys import step_seed
 from warp_caustics.errors import InputError, MismatchError
@@ -105,13 +105,18 @@ class FileSource:
         )
         self.batches = iter(self.loader)
 
-    def validation(self) -> list[Batch]:
+    def validation(self, told: Told = silent) -> list[Batch]:
         """The first ``validation.count`` samples of the validation part; they stay on the device."""
         size, count = self.config.training.batch_size, self.config.training.validation.count
         positions = range(min(count, len(self.validation_set)))
         parts = [positions[first : first + size] for first in range(0, len(positions), size)]
         collate = torch.utils.data.default_collate
-        return [self._moved(collate([self.validation_set[k] for k in part])) for part in parts]
+        batches = []
+        for part in parts:
+            told(part.start, len(positions))
+            batches.append(self._moved(collate([self.validation_set[k] for k in part])))
+        told(len(positions), len(positions))
+        return batches
 
     def close(self) -> None:
         # Dropping the iterator ends its processes.

@@ -23,7 +23,7 @@ from nets.training.config import RunConfig
 from nets.training.devices import Stopwatch, autocast
 from nets.training.keys import step_seed
 from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
-from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult
+from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult, ahead
 from nets.training.record import RunRecord, write_sample
 from nets.training.sources import ReplaySource, make_source
 from nets.training.state import EarlyStopping, RunState, finite_or_none
@@ -144,8 +144,10 @@ class _Loop:
         if isinstance(self.source, ReplaySource):
             self.source.network = self._average_model
             self._check_pool(self.source)
+        if self.is_first and training.replay.size:
+            self.observer.stage("filling the pool of samples", 0, 0)
         self.source.resume(self.state.step * training.accumulate)
-        self.validation = self.source.validation()
+        self.validation = self.source.validation(self._told)
         self.steps_per_epoch = max(1, self.source.steps_per_epoch // training.accumulate)
         if self.is_writing:
             for path in (self.checkpoints, self.pictures):
@@ -183,6 +185,10 @@ class _Loop:
         if self.is_first:
             self.observer.note(f"pool       {self.training.replay.size} samples, {size:.2f} GiB on {self.device}")
 
+    def _told(self, done: int, total: int) -> None:
+        if self.is_first:
+            self.observer.stage("making validation samples", done, total)
+
     def stop(self, number: int, restore: Restore) -> None:
         """A signal asks for the end."""
         self.signal = number
@@ -212,8 +218,13 @@ class _Loop:
         self.saved_at = self.start
         self.watch.read()
         self.done_at_reading = state.step
+        self.first_step, self.first_share = first_step, state.share or 0.0
+        if self.is_first:
+            self.observer.stage("first step", 0, 0)
         while (reason := self._stop_reason()) is None:
             self._step()
+            if self.is_first:
+                self.observer.tick(state.step, *self._ahead())
             if state.step % self.training.log_every_steps == 0:
                 self._report()
             if state.step % self.steps_per_epoch == 0:
@@ -236,6 +247,13 @@ class _Loop:
         return TrainingResult(
             reason, state.step, state.elapsed_s, best, self.task.objective, dict(state.validation), weights
         )
+
+    def _ahead(self) -> tuple[float | None, float | None]:
+        state, limits, spent_s = self.state, self.limits, time.monotonic() - self.start
+        run = (self.first_share, state.share, 1.0) if state.share is not None else None
+        steps = (self.first_step, state.step, limits.max_steps) if limits.max_steps is not None else None
+        clock = (self.start, self.start + spent_s, limits.deadline) if limits.deadline is not None else None
+        return ahead(spent_s, [way for way in (run, steps, clock) if way is not None])
 
     def _step(self) -> None:
         state, training = self.state, self.training
@@ -327,6 +345,8 @@ class _Loop:
 
     def _validate(self) -> None:
         state = self.state
+        if self.is_first:
+            self.observer.stage("validating", 0, 0)
         with torch.no_grad():
             measures = self.fabric.broadcast(self.task.measures(self._average_model, self.validation))
             sample = self.task.sample(self._average_model, self.validation[0]).on_cpu() if self.is_writing else None

@@ -7,6 +7,7 @@ network's own answer to a sample that was trained on before, and that answer to 
 in turn: no step is repeated, so a sample costs what any fresh one costs.
 """
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -15,7 +16,7 @@ import torch
 from data_gen.dataset_config import DatasetConfig
 from data_gen.patterns import padded
 from data_gen.samples import DenoiserSampler, Reliefs, UpdaterSampler
-from nets.training.batch import Batch
+from nets.training.batch import Batch, Told, silent
 from nets.training.config import LATTICE, RunConfig
 from nets.training.imaging import Imager, VariedImager
 from nets.training.keys import batch_ids, fresh_dataset, step_generator
@@ -158,25 +159,39 @@ class FreshSource:
     def resume(self, step: int) -> None:
         """Nothing to do: a batch depends on its number only."""
 
-    def validation(self) -> list[Batch]:
+    def validation(self, told: Told = silent) -> list[Batch]:
         dataset = fresh_dataset(self.config, is_validation=True, denoiser=self._denoiser_hash)
         count, size = self.config.training.validation.count, self.config.training.batch_size
         parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
+        made, batches = self._maker(dataset), []
+        for ids in parts:
+            told(ids.start, count)
+            batches.append(made(ids))
+        told(count, count)
+        return batches
+
+    def _maker(self, dataset: DatasetConfig) -> Callable[[range], Batch]:
+        """What makes validation samples of these numbers."""
         if self.config.kind == "updater":
             updater = UpdaterSampler(dataset, self.device, self._denoiser)
-            return [updater.draw_tensors(ids)[0] for ids in parts]
+            return lambda ids: updater.draw_tensors(ids)[0]
         reliefs = Reliefs(dataset, self.device)
         if self.config.kind == "denoiser":
             pairs = DenoiserSampler(dataset, self.device)
-            fields = [(ids, reliefs.true(ids)) for ids in parts]
-            return [{"noisy": pairs.noisy(h, ids), "clean": pairs.clean(h, ids)} for ids, h in fields]
-        imager, batches = Imager(self.config.scene, LATTICE, self.device), []
-        for ids in parts:
+
+            def pair(ids: range) -> Batch:
+                heights = reliefs.true(ids)
+                return {"noisy": pairs.noisy(heights, ids), "clean": pairs.clean(heights, ids)}
+
+            return pair
+        imager = Imager(self.config.scene, LATTICE, self.device)
+
+        def image(ids: range) -> Batch:
             heights = reliefs.true(ids)
-            batches.append({"image": imager(heights), "heights": heights})
-            if self.with_start:
-                batches[-1]["start"] = reliefs.perturbed(ids)[0]
-        return batches
+            start = {"start": reliefs.perturbed(ids)[0]} if self.with_start else {}
+            return {"image": imager(heights), "heights": heights, **start}
+
+        return image
 
     def close(self) -> None:
         self.strokes.close()

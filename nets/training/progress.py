@@ -1,5 +1,6 @@
 """What a running training tells whoever watches it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -41,8 +42,40 @@ class TrainingProgress:
     is_validation: bool = False
 
 
+def ahead(spent_s: float, ways: Sequence[tuple[float, float, float]]) -> tuple[float | None, float | None]:
+    """Share of the work that is done, and the time left [s]; None where no end is known.
+
+    Args:
+        spent_s: time so far [s].
+        ways: where the work began, is and ends, once for each limit (steps, time, ...); the nearest end counts.
+    """
+    shares = [(now - first) / (end - first) for first, now, end in ways if end > first]
+    if not shares:
+        return None, None
+    share = min(1.0, max(shares))
+    return share, spent_s * (1 - share) / share if share > 0 else None
+
+
 class Observer(Protocol):
     """Watches a training."""
+
+    def stage(self, what: str, done: int, total: int) -> None:
+        """Work that is no step, such as making validation samples; called as it begins and goes on.
+
+        Args:
+            what: in plain words.
+            done: parts of it.
+            total: parts of it; 0 where they are not counted.
+        """
+
+    def tick(self, step: int, share: float | None, left_s: float | None) -> None:
+        """Called after every step; waits for no device.
+
+        Args:
+            step: optimiser steps done.
+            share: of this command that is done, 0 to 1; None where its end is not known.
+            left_s: time left of this command [s]; None where it is not known.
+        """
 
     def show(self, progress: TrainingProgress) -> None:
         """Called now and then."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source
+from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source, Told, silent
 from nets.training.config import RunConfig
 from nets.training.files import FileSource
 from nets.training.fresh import FreshSource
@@ -77,8 +77,8 @@ class ReplaySource:
         self.rounds = max(0, step + self.first_rounds - 1 - self.slots)
         self._fill(step + self.first_rounds - 1)
 
-    def validation(self) -> list[Batch]:
-        return self.fresh.validation()
+    def validation(self, told: Told = silent) -> list[Batch]:
+        return self.fresh.validation(told)
 
     def close(self) -> None:
         self.fresh.close()
@@ -156,8 +156,8 @@ class FixedSource:
     def resume(self, step: int) -> None:
         """Nothing to do: a batch depends on its number only."""
 
-    def validation(self) -> list[Batch]:
-        return self.inner.validation()
+    def validation(self, told: Told = silent) -> list[Batch]:
+        return self.inner.validation(told)
 
     def close(self) -> None:
         self.inner.close()

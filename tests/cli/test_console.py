@@ -4,7 +4,7 @@ import io
 import json
 import sys
 
-from cli.console import Console
+from cli.console import Console, about
 from warp_caustics.reconstruct.base import Progress
 
 
@@ -24,7 +24,7 @@ def test_log_lines_come_now_and_then(capsys):
     assert captured.out == ""
     lines = captured.err.splitlines()
     assert len(lines) == 5  # at 0.5, 10.5, 20.5, ... s
-    assert lines[1] == "[   10.5 s] level 1: 21 of 100, residual 0.0476"
+    assert lines[1] == "[   10.5 s] level 1: 21 of 100, residual 0.0476, 2/s, at most 0:00:40 left"
 
 
 def test_each_stage_is_announced(capsys):
@@ -68,3 +68,15 @@ def test_json_is_silent_but_for_the_record_and_warnings(capsys, monkeypatch):
 def test_without_json_no_record_is_printed(capsys):
     Console().record({"a": 1})
     assert capsys.readouterr().out == ""
+
+
+def test_lines_tell_rate_and_time_left(capsys):
+    run(Console(), states(60, step_s=1.0))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[1].endswith("11 of 60, residual 0.0909, 1/s, at most 0:00:49 left")
+
+
+def test_times_in_words():
+    assert [about(s) for s in (0.2, 89, 180, 7200, 1e6)] == [
+        "about 1 s", "about 89 s", "about 3 min", "about 2 h", "about 12 days",
+    ]  # fmt: skip

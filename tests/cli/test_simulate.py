@@ -72,7 +72,7 @@ def test_seed_selects_the_photons(inputs, tmp_path):
         (["--preset", "papr"], 3, "did you mean 'paper'"),
         (["--device", "cuda:99"], 6, "use --device cpu"),
         (["--device", "tpu"], 3, "tpu"),
-        (["--set", "scene.height_samples=16"], 3, "shape"),
+        (["--set", "scene.height_samples=16"], 5, "--set scene.height_samples=32"),
         (["--set", "scene.wavelengths_m=[610, 530, 430]"], 3, "610 nm"),
         (["--set", "scene.imagepixels=64"], 3, "did you mean 'image_pixels'"),
     ],
@@ -136,3 +136,40 @@ def test_a_black_image_is_not_written(inputs, tmp_path, capsys):
     out = tmp_path / "out.npy"
     assert simulate(inputs / "heights.npy", out, "--set", "scene.screen_position_m=[1, 0, -1e-6]") == 3
     assert "no light reaches the image" in capsys.readouterr().err and not out.exists()
+
+
+LINES = "start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_mm\n-10,-8,12,9,3,0.2\n"
+
+
+def test_a_list_of_lines_is_simulated_as_its_relief(tmp_path):
+    from warp_caustics.prints.line import Line, line_relief
+
+    (tmp_path / "design.csv").write_text(LINES)
+    np.save(tmp_path / "map.npy", line_relief([Line((-0.01, -0.008), (0.012, 0.009), 3e-3, 2e-4)], 32, (0.05, 0.05)))
+    images = []
+    for name in ("design.csv", "map.npy"):
+        assert simulate(tmp_path / name, tmp_path / "out.npy") == 0
+        images.append(np.load(tmp_path / "out.npy"))
+    np.testing.assert_array_equal(*images)
+
+
+def test_the_map_tells_the_number_of_samples(tmp_path):
+    np.save(tmp_path / "map.npy", np.zeros((20, 20)))
+    arguments = ["simulate", str(tmp_path / "map.npy"), "-o", str(tmp_path / "out.npy"), "--device", "cpu"]
+    assert main([*arguments, "--set", "scene.image_pixels=32"]) == 0
+    assert main([*arguments, "--set", "scene.image_pixels=32", "--set", "scene.height_samples=32"]) == 5
+
+
+def test_noise_is_that_of_flat_light(tmp_path):
+    np.save(tmp_path / "flat.npy", np.zeros((32, 32)))
+    options = ("--noise", "0.02", "--set", "scene.radiosity_W_m2=[1, 2, 3]")
+    assert simulate(tmp_path / "flat.npy", tmp_path / "out.npy", *options) == 0
+    inner = np.load(tmp_path / "out.npy")[:, 8:-8, 8:-8]
+    np.testing.assert_allclose(inner.std(axis=(1, 2)), [0.02, 0.04, 0.06], rtol=0.05)
+
+
+@pytest.mark.parametrize("noise", ["-1", "2"])
+def test_noise_outside_its_range_is_refused(tmp_path, noise, capsys):
+    np.save(tmp_path / "flat.npy", np.zeros((32, 32)))
+    assert simulate(tmp_path / "flat.npy", tmp_path / "out.npy", "--noise", noise) == 3
+    assert "0.01 is 1 %" in capsys.readouterr().err

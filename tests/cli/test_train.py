@@ -205,3 +205,36 @@ def test_kill_9_and_ctrl_c(tmp_path, capsys):
     assert process.returncode == 130, text
     assert "interrupted; continue with nsfc train direct" in text and (run / "weights.safetensors").exists()
     assert load_checkpoint(run / "checkpoints" / "last.ckpt")["step"] > saved
+
+
+@pytest.mark.parametrize("kind", ["denoiser", "updater"])
+def test_the_small_configuration_is_done_in_seconds(kind, tmp_path, capsys):
+    """No clock here, machines differ: it makes less than a thousandth of the paper's photons."""
+    from cli.train_config import new_run
+
+    small = new_run(kind, None, "small", [], {}).training
+    paper = new_run(kind, None, "paper", [], {}).training
+    light = [
+        (run.noisy.n_photons + run.clean.n_photons) * (run.validation.count + (run.total_steps or 500) * run.batch_size)
+        for run in (small, paper)
+    ]
+    assert paper.clean.n_photons == 16_000_000 and light[0] < 1e-3 * light[1]
+    assert train(kind, "--fresh", "-o", tmp_path / "run", "--config", "small", "--device", "cpu") == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("making validation samples: 0 of 4\n")
+    assert "step 1, " in captured.err and "estimate  " in captured.err and "8 steps" in captured.out
+
+
+def test_a_training_on_a_cpu_is_told_how_long_it_takes():
+    from cli.train_progress import ESTIMATE_STEPS, Outlook, Pace
+
+    pace = Pace()
+    pace.steps = ESTIMATE_STEPS
+    pace.recent.extend([(0.0, 1), (20.0, 3)])
+    lines = Outlook(500, None, 14_000)(3, pace)
+    assert lines == [
+        "estimate   10 s a step, first validation after 500, about 83 min",
+        "on a CPU   the network that ships took 14000 steps on a GPU, here about 39 h; train on a GPU, or try things out "
+        "with --config small",
+    ]
+    assert Outlook(500, 100)(3, pace) == ["estimate   10 s a step, all 100 about 17 min"]

@@ -87,3 +87,14 @@ def test_verify_as_json(file, tmp_path, capsys):
 
 def test_verify_wants_a_file():
     assert main(["weights", "verify"]) == 2
+
+
+def test_the_list_names_every_shipped_network_and_its_use(capsys):
+    from cli.weights import USES
+    from nets.shipped import shipped_weights
+
+    assert main(["weights", "list"]) == 0
+    names = {line.split()[0] for line in capsys.readouterr().out.splitlines()} - {"nsfc"}
+    assert names == set(USES) == {file.stem for file in shipped_weights()}
+    assert main(["weights", "list", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["networks"]) == len(USES)

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
+from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.energy import energy_budget
 from warp_caustics.oracle import oracle_image
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 
 pytestmark = [
     pytest.mark.gpu,

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import InputError
 from warp_caustics.io.arrays import read_array
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
 from warp_caustics.io.decoded import Decoded
@@ -104,32 +104,6 @@ def read_heights(
     if unit != "m":
         raise InputError(f"{name} records the unit {unit!r}; give heights in metres")
     return _checked_heights(decoded.array, name, batch)
-
-
-def read_relief(path: PathLike, samples: int, role: str) -> npt.NDArray[np.float64]:
-    """Read the height map of a scene.
-
-    Args:
-        path: as of :func:`read_heights`.
-        samples: n, height samples of the scene per axis.
-        role: what the map is, for messages.
-
-    Returns:
-        Relief above the base [m], float64, shape [n, n].
-
-    Raises:
-        MismatchError: another shape.
-        InputError: as of :func:`read_heights`.
-    """
-
-    def fits(n: int) -> None:
-        if n != samples:
-            raise MismatchError(
-                f"{role} {os.fspath(path)!r} has shape {[n, n]}, the scene [{samples}, {samples}]; "
-                f"resample it, or --set scene.height_samples={n}"
-            )
-
-    return read_heights(path, fits=fits)
 
 
 def _one_layer_of(name: str, check: Callable[[Sequence[int]], None]) -> FitsCheck:

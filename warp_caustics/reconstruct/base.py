@@ -1,20 +1,25 @@
 """What every reconstruction method takes and returns."""
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CausticImage:
     """A measured caustic, ready for reconstruction.
 
@@ -29,6 +34,27 @@ class CausticImage:
     irradiance: FloatArray
     noise_std: FloatArray | None = None
     mask: npt.NDArray[np.bool_] | None = None
+
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, self.irradiance.shape))
+        noise = "unknown" if self.noise_std is None else ", ".join(f"{value:.2g}" for value in self.noise_std)
+        masked = 0 if self.mask is None else int((~self.mask).sum())
+        return f"CausticImage({size}, mean {np.nanmean(self.irradiance):.3g} W/m^2, noise {noise}, {masked} masked)"
+
+
+def as_caustic(image: Any) -> CausticImage:
+    """What a method reconstructs from: a :class:`CausticImage` as it is, or an array made one.
+
+    Args:
+        image: irradiance [W/m^2], shape [n_w, m, m], or [m, m] for one wavelength; a tensor of any device, too.
+    """
+    if isinstance(image, CausticImage):
+        return image
+    values = np.asarray(image.detach().cpu() if hasattr(image, "detach") else image)
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"image holds {values.dtype}, not irradiance; give an array of numbers or a CausticImage")
+    irradiance = values.astype(np.float32) if values.dtype.kind in "iu" else values
+    return CausticImage(irradiance[None] if irradiance.ndim == 2 else irradiance)
 
 
 @dataclass(frozen=True)
@@ -54,7 +80,7 @@ ProgressCallback = Callable[[Progress], None]
 """May raise KeyboardInterrupt (Ctrl-C does): methods then return their best result so far."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Reconstruction:
     """Result record, the same for all methods.
 
@@ -97,16 +123,50 @@ class Reconstruction:
     no_uncertainty: str = ""
     trust: Trust | None = None
 
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, self.heights_m.shape))
+        low, high = 1e3 * float(self.heights_m.min()), 1e3 * float(self.heights_m.max())
+        told = f", {len(self.warnings)} warnings" if self.warnings else ""
+        return (
+            f"Reconstruction({self.method!r}, {size} heights from {low:.4g} to {high:.4g} mm, "
+            f"residual {self.residual:.4g}, stopped by {self.stop_reason.replace('_', ' ')}{told})"
+        )
+
+    def plot(self, plate_size_m: tuple[float, float] | None = None) -> "Figure":
+        """Heights, their caustic and the uncertainty, side by side; row 0 at the top.
+
+        Args:
+            plate_size_m: extent along x and y [m], for axes in millimetres; ``scene.plate_size_m``.
+        """
+        from warp_caustics.reconstruct.plot import result_figure
+
+        title = f"{self.method}, residual {self.residual:.3g}"
+        return result_figure(self.heights_m, self.image, self.uncertainty_m, plate_size_m, title)
+
+
+def _from_arrays(method: Callable[..., Reconstruction]) -> Callable[..., Reconstruction]:
+    @functools.wraps(method)
+    def reconstruct(self: "Reconstructor", image: Any, **options: Any) -> Reconstruction:
+        return method(self, as_caustic(image), **options)
+
+    return reconstruct
+
 
 class Reconstructor(ABC):
     """A method that recovers heights from one caustic."""
 
     name: str
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        # In one place for all methods: none can forget that callers may bring arrays.
+        super().__init_subclass__(**keywords)
+        if "reconstruct" in cls.__dict__:
+            cls.reconstruct = _from_arrays(cls.__dict__["reconstruct"])  # type: ignore[method-assign]
+
     @abstractmethod
     def reconstruct(
         self,
-        image: CausticImage,
+        image: Any,
         *,
         initial: FloatArray | None = None,
         progress: ProgressCallback | None = None,
@@ -114,7 +174,7 @@ class Reconstructor(ABC):
         """Recover the relief.
 
         Args:
-            image: the measured caustic.
+            image: the measured caustic, a :class:`CausticImage`; or only its irradiance, see :func:`as_caustic`.
             initial: starting relief [m], shape [n, n]; flat if None.
             progress: called after every iteration.
 

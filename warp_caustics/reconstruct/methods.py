@@ -1,4 +1,4 @@
-"""Reconstruction methods by name."""
+"""Reconstruction methods without networks by name; :func:`nets.create` makes all."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -44,11 +44,14 @@ METHODS: dict[str, Maker] = {
 }
 
 
-def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **options: Any) -> Reconstructor:
-    """The reconstruction method of that name.
+def create_from(
+    methods: Mapping[str, Maker], name: str, scene: Scene, device: str | torch.device, options: Mapping[str, Any]
+) -> Reconstructor:
+    """The method of that name from a registry.
 
     Args:
-        name: one of :data:`METHODS`.
+        methods: makers by name.
+        name: one of them.
         scene: the set-up of the measurement.
         device: where to compute.
         options: the method's own settings.
@@ -57,13 +60,6 @@ def create(name: str, scene: Scene, *, device: str | torch.device = "cpu", **opt
         InputError: unknown method or option.
         ResourceError: the device is missing.
     """
-    return create_from(METHODS, name, scene, device, options)
-
-
-def create_from(
-    methods: Mapping[str, Maker], name: str, scene: Scene, device: str | torch.device, options: Mapping[str, Any]
-) -> Reconstructor:
-    """The method of that name from a registry; see :func:`create`."""
     if name not in methods:
         raise InputError(f"method {name!r} is not known; {known_names(name, methods)}")
     try:

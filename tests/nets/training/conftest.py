@@ -19,6 +19,14 @@ class Watcher:
         self.seen: list[TrainingProgress] = []
         self.warnings: list[str] = []
         self.notes: list[str] = []
+        self.stages: list[tuple[str, int, int]] = []
+        self.ticks: list[tuple[int, float | None, float | None]] = []
+
+    def stage(self, what, done, total):
+        self.stages.append((what, done, total))
+
+    def tick(self, step, share, left_s):
+        self.ticks.append((step, share, left_s))
 
     def show(self, progress):
         self.seen.append(progress)

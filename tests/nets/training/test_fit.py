@@ -317,3 +317,23 @@ def test_symmetries_turn_a_whole_batch_of_training(tiny_run):
     ]
     assert all(sum(row) == 1 for row in matches)
     assert len({row.index(True) for row in matches}) > 1
+
+
+def test_what_it_does_is_told_from_the_first_moment(tiny_run, train, tmp_path, watcher):
+    """Validation samples before the first step, every step, and how much is left."""
+    train(tiny_run("direct"), tmp_path / "run", watcher=watcher)
+    whats = [what for what, _, _ in watcher.stages]
+    assert whats[0] == "making validation samples" and watcher.stages[0][1:] == (0, 4)
+    assert whats.index("first step") < whats.index("validating")
+    assert [step for step, _, _ in watcher.ticks] == list(range(1, 13))
+    shares = [share for _, share, _ in watcher.ticks]
+    assert shares == sorted(shares) and shares[-1] == 1 and watcher.ticks[-1][2] == 0
+    assert all(left >= 0 for _, _, left in watcher.ticks)
+
+
+def test_the_nearest_end_tells_what_is_left():
+    from nets.training.progress import ahead
+
+    assert ahead(10.0, []) == (None, None)
+    assert ahead(10.0, [(0, 5, 20), (100, 110, 120)]) == (0.5, 10.0)
+    assert ahead(3.0, [(0, 30, 20)]) == (1.0, 0.0)

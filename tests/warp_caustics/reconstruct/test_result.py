@@ -84,3 +84,52 @@ def test_what_a_network_says_leaves_some_plate():
     assert glass.dtype == np.float64 and np.isfinite(glass).all()
     assert glass.min() == pytest.approx(-0.9 * SCENE.base_thickness_m) and glass[0, 2] == pytest.approx(1e-4)
     assert np.isnan(wild[1, 1]), "what is given stays what it is"
+
+
+@pytest.mark.parametrize("kind", ["tensor", "array", "record"])
+def test_methods_take_arrays(kind):
+    """Whatever the method: a plain array stands for a CausticImage."""
+    import torch
+
+    from warp_caustics.reconstruct.base import CausticImage, Reconstruction, Reconstructor
+
+    class Seen(Reconstructor):
+        name = "seen"
+
+        def reconstruct(self, image, *, initial=None, progress=None):
+            assert isinstance(image, CausticImage)
+            return Reconstruction("seen", np.zeros((2, 2)), image.irradiance, 0.0, "converged")
+
+    values = np.ones((1, 4, 4), np.float32)
+    given = {"tensor": torch.from_numpy(values), "array": values[0], "record": CausticImage(values)}[kind]
+    assert Seen().reconstruct(given).image.shape == (1, 4, 4)
+
+
+def test_what_is_no_image_is_refused():
+    from warp_caustics.errors import InputError
+    from warp_caustics.reconstruct.base import as_caustic
+
+    with pytest.raises(InputError, match="not irradiance; give an array of numbers"):
+        as_caustic("capture.tif")
+
+
+def test_records_are_shown_shortly():
+    from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+
+    image = np.ones((3, 8, 8))
+    assert repr(CausticImage(image)) == "CausticImage(3 x 8 x 8, mean 1 W/m^2, noise unknown, 0 masked)"
+    result = Reconstruction("refine", np.full((4, 4), 1e-3), image, 0.05, "max_iterations", warnings=("careful",))
+    assert repr(result) == (
+        "Reconstruction('refine', 4 x 4 heights from 1 to 1 mm, residual 0.05, stopped by max iterations, 1 warnings)"
+    )
+    assert len(result.plot().axes) == 3
+
+
+def test_the_version_is_that_of_the_project():
+    import tomllib
+    from pathlib import Path
+
+    import warp_caustics
+
+    project = tomllib.loads((Path(warp_caustics.__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    assert warp_caustics.__version__ == project["version"]

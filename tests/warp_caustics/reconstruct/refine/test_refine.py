@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.height_field import cell_centres
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at
 from warp_caustics.reconstruct.refine.metric import CurvatureMetric
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 
 ONE = {"wavelengths_m": (5e-7,), "radiosity_W_m2": (1.0,)}
 SMALL = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.0125, 0.0125), **ONE)

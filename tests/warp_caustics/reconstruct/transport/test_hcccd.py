@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.metrics import height_errors
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.methods import create
 from warp_caustics.reconstruct.transport.hcccd import HcccdOptions, vertex_energy, vertex_normals
 
 SMALL = Scene(height_samples=32, image_pixels=64, plate_size_m=(0.02, 0.02))
