@@ -77,7 +77,7 @@ def test_the_papers_method_does_ten_steps(made, image):
     method = made("nsfc", keep_iterates=True)
     result = method.reconstruct(image)
     assert result.counters["steps"] == len(result.history) == len(result.iterates_m) - 1 == 10
-    assert ITERATED_STEPS == method.iterations
+    assert method.iterations == ITERATED_STEPS
 
 
 def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
