@@ -31,7 +31,9 @@ from warp_caustics.io.json_file import write_json
 from warp_caustics.metrics import height_errors
 from warp_caustics.scene import Scene
 
-METHODS = "flat,transport,refine,sfc,hcccd,nsfc,nsfc:denoise=false,nsfc:use_gradient=false,direct:refine=false,direct,fibres"
+METHODS = (
+    "flat,transport,refine,sfc,hcccd,nsfc,nsfc:denoise=false,nsfc:use_gradient=false,direct:refine=false,direct,fibres"
+)
 
 Cell = dict[str, Any]
 
