@@ -1,15 +1,15 @@
 """All scores of a release, once: every method on the test fields, each cell in a JSON file.
 
-The thirty test fields are what nothing was tuned on. So they are not looked at while methods are written: this runs once
-for a release, its file is committed with it, and what is changed afterwards because of a score makes it the last time
-that these fields are test fields. An hour on a GPU; cut at any time it goes on where it was.
+The thirty test fields are what nothing was tuned on. So they are not looked at while methods are written: this runs
+once for a release, its file is committed with it, and what is changed afterwards because of a score makes it the last
+time that these fields are test fields. An hour on a GPU; cut at any time it goes on where it was.
 
     python -m benchmarks.release [--device cuda] [--json benchmarks/release.json] [--images FOLDER]
                                  [--which test] [--fields N] [--methods direct,fibres,...]
 
-`--which development` and `--fields 1` try it out. Every cell tells image (set, fingerprint of the set, number, hash of
-its pixels), method, device, code version, what it wrote, and all errors in um. Cells of other code, images or devices are
-never taken for these: a file holds cells of several releases side by side.
+`--which development` and `--fields 1` try it out. Every cell tells image (set, fingerprint of the set, number,
+hash of its pixels), method, device, code version, warnings, and all errors in um. Cells of other code, images or
+devices are never taken for these: a file holds cells of several releases side by side.
 """
 
 import argparse
