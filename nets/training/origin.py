@@ -27,7 +27,7 @@ def origin(device: str, processes: int) -> dict[str, Any]:
     return {
         "date": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "commit": commit(),
-        "licence": importlib.metadata.metadata("nsfc").get("License-Expression"),
+        "licence": importlib.metadata.metadata("nsfc").json.get("license_expression"),
         "device": device_name(device),
         "devices": processes,
     }
