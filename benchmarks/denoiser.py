@@ -1,4 +1,6 @@
-"""How good a denoiser is on the ten test fields: prints a table, draws one of them.
+"""How good a denoiser is on ten fields of its own: prints a table, draws one of them.
+
+They are those of a denoiser's data set in the role "test": other reliefs than the development fields.
 
 PSNR against the image of 1.6e7 photons, with the light of a flat plate as peak, of the noisy image (1e6 photons), of
 the network's answer, and of the best Gaussian and the best non-local means of scikit-image (their parameters are

@@ -1,6 +1,6 @@
 """How far ``direct`` is off when bench, camera or print are not what it expects, and whether it says so.
 
-The test fields (`data_gen.testset`), or fields of an own seed that nothing was trained on, each seen under every
+The development fields (`data_gen.testset`), or fields of an own seed that nothing was trained on, each seen under every
 condition of `wrong_bench`; all that is random is fixed per field, so that conditions and weights can be compared.
 Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights, device and
 options are not computed again.
@@ -38,7 +38,7 @@ from benchmarks.spread_fit import Kept, print_fits
 from benchmarks.wrong_bench import CONDITIONS, NAMED_ONLY, Condition, chosen, seen
 from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes
-from data_gen.testset import TEST_FIELDS, TEST_PHOTONS, fields_config
+from data_gen.testset import DEVELOPMENT_FIELDS, TEST_PHOTONS, fields_config
 from nets.reconstruct.methods import create
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.shipped import find_network
@@ -63,7 +63,7 @@ class Fields:
 
     Args:
         count: how many.
-        own: seed of own fields; None takes the test fields.
+        own: seed of own fields; None takes the development fields.
         photons: per wavelength.
         device: where to simulate.
     """
@@ -72,7 +72,7 @@ class Fields:
         self.scene, self.count, self.device = Scene(), count, device
         config = fields_config(self.scene)
         if own is None and count > config.n_samples:
-            raise SystemExit(f"there are {config.n_samples} test fields; --own SEED gives any number")
+            raise SystemExit(f"there are {config.n_samples} development fields; --own SEED gives any number")
         if own is not None:
             tree = config.model_dump() | {"role": "data", "seed": own, "n_samples": count}
             config = DatasetConfig.model_validate(tree)
@@ -302,8 +302,10 @@ def options_of(settings: list[str]) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--fields", type=int, default=TEST_FIELDS)
-    parser.add_argument("--own", type=int, metavar="SEED", help="own fields of this seed in place of the test fields")
+    parser.add_argument("--fields", type=int, default=DEVELOPMENT_FIELDS)
+    parser.add_argument(
+        "--own", type=int, metavar="SEED", help="own fields of this seed in place of the development fields"
+    )
     parser.add_argument("--conditions", help=f"of {', '.join(CONDITIONS)}; {', '.join(NAMED_ONLY)} only if named")
     known = [name for name, (method, _) in VARIANTS.items() if method == "direct"]
     parser.add_argument("--variants", help=f"of {', '.join(known)}; all if left out")

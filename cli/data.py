@@ -167,21 +167,29 @@ def preview(directory: str, output: str, samples: int, force: bool) -> None:
 
 @data.command()
 @click.argument("directory", type=click.Path())
-@click.option("--fields", type=integer, default=10, show_default=True, help="Number of fields, 1 to 10.")
+@click.option("--fields", type=integer, help="Number of fields, the first ones.  [default: all]")
+@click.option(
+    "--which",
+    type=click.Choice(["development", "test"]),
+    default="development",
+    show_default=True,
+    help="The ten fields that methods were tried on, or thirty that nothing was.",
+)
 @click.option("--force", is_flag=True, help="Replace earlier test fields.")
 @device_option
 @config_options
 @json_option
 def testset(
     directory: str,
-    fields: int,
+    fields: int | None,
+    which: Any,
     force: bool,
     device: str,
     config_source: str | None,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write the ten test fields to DIRECTORY: heights and noisy images from photons of their own."""
+    """Write development or test fields to DIRECTORY: heights and noisy images from photons of their own."""
     from cli.config import load_config
 
     config = load_config(config_source, settings)
@@ -189,7 +197,8 @@ def testset(
     from cli.testset import write_testset
 
     console = Console(as_json)
-    record = write_testset(directory, config.scene, started, fields, force, config.data.clean.n_photons)
+    photons = config.data.clean.n_photons
+    record = write_testset(directory, config.scene, started, fields, which, force=force, n_photons=photons)
     for name, rms in zip(record["fields"], record["flat_guess_rmse_um"], strict=True):
         console.line(f"field      {name}: heights and image, {rms:.1f} um from flat")
     console.record(record)

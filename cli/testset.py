@@ -1,4 +1,4 @@
-"""The ten test fields as files, ready for ``nsfc reconstruct`` and ``nsfc compare``."""
+"""Development or test fields as files, ready for ``nsfc reconstruct`` and ``nsfc compare``."""
 
 from pathlib import Path
 from typing import Any
@@ -6,8 +6,16 @@ from typing import Any
 import numpy as np
 
 from cli.output import ResultKind, check_target, result_folder
-from data_gen.testset import NOISE_STD, TEST_FIELDS, TEST_PHOTONS, field_heights, field_images
-from warp_caustics.errors import InputError
+from data_gen.testset import (
+    COUNTS,
+    NOISE_STD,
+    TEST_PHOTONS,
+    FieldSet,
+    field_count,
+    field_heights,
+    field_images,
+    fields_config,
+)
 from warp_caustics.io.heights import write_heights
 from warp_caustics.io.images import write_image
 from warp_caustics.io.json_file import write_json
@@ -16,7 +24,7 @@ from warp_caustics.scene import Scene
 
 def testset_kind() -> ResultKind:
     """What a folder of test fields holds."""
-    names = [f"field_{k}_{what}" for k in range(TEST_FIELDS) for what in ("heights.npy", "image.tif")]
+    names = [f"field_{k}_{what}" for k in range(max(COUNTS.values())) for what in ("heights.npy", "image.tif")]
     return ResultKind("test fields", ("testset.json", *names))
 
 
@@ -24,7 +32,9 @@ def write_testset(
     directory: str,
     scene: Scene,
     device: str,
-    fields: int = TEST_FIELDS,
+    fields: int | None = None,
+    which: FieldSet = "development",
+    *,
     force: bool = False,
     n_photons: int | None = None,
 ) -> dict[str, Any]:
@@ -34,7 +44,8 @@ def write_testset(
         directory: made complete or not at all.
         scene: the set-up.
         device: where to simulate.
-        fields: how many of the ten.
+        fields: how many, the first ones; all if None.
+        which: the set.
         force: replace earlier test fields.
         n_photons: light paths per wavelength; None for those of the test set.
 
@@ -44,17 +55,17 @@ def write_testset(
     Raises:
         InputError: another number of fields, or a folder that is in use or cannot be made.
     """
-    if not 1 <= fields <= TEST_FIELDS:
-        raise InputError(f"{fields} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
-    kind = testset_kind()
+    count, kind = field_count(which, fields), testset_kind()
     with result_folder(check_target(directory, force, kind), force, kind) as folder:
-        return _write(folder, scene, device, fields, n_photons)
+        return _write(folder, scene, device, count, which, n_photons)
 
 
-def _write(folder: Path, scene: Scene, device: str, fields: int, n_photons: int | None) -> dict[str, Any]:
-    heights = field_heights(scene, device)[:fields].astype(np.float64)
+def _write(
+    folder: Path, scene: Scene, device: str, fields: int, which: FieldSet, n_photons: int | None
+) -> dict[str, Any]:
+    heights = field_heights(scene, device, which)[:fields].astype(np.float64)
     photons = TEST_PHOTONS.model_copy(update={"n_photons": n_photons} if n_photons is not None else {})
-    images = field_images(scene, device, fields=fields, photons=photons)
+    images = field_images(scene, device, fields=fields, photons=photons, which=which)
     names = [f"field_{k}" for k in range(fields)]
     for name, relief, image in zip(names, heights, images, strict=True):
         write_heights(folder / f"{name}_heights.npy", relief)
@@ -63,6 +74,8 @@ def _write(folder: Path, scene: Scene, device: str, fields: int, n_photons: int 
         )
     record = {
         "fields": names,
+        "set": which,
+        "fingerprint": fields_config(which=which).sample_fingerprint(),
         "flat_guess_rmse_um": (np.sqrt((heights**2).mean(axis=(1, 2))) * 1e6).tolist(),
         "noise_std_of_flat": NOISE_STD,
         "photons": photons.model_dump(),

@@ -52,7 +52,10 @@ def list_(as_json: bool) -> None:
 @click.argument("file", metavar="FILE")
 @json_option
 def info(file: str, as_json: bool) -> None:
-    """Print architecture, size, receptive field, scene and training of a network; the file is verified too."""
+    """Print architecture, size, receptive field, scene and training of a network; the file is verified too.
+
+    Of its training: settings, ranges of its reliefs, date, commit, licence, devices, and every training before it.
+    """
     from nets.weights import load_weights
 
     console, record = Console(as_json), described(load_weights(file).info)
@@ -107,6 +110,8 @@ def _flat(record: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """One line per value, keys of nested records joined by dots."""
     lines = []
     for key, value in record.items():
+        if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+            value = {str(number): item for number, item in enumerate(value, start=1)}
         if isinstance(value, dict) and value:
             lines += _flat(value, f"{prefix}{key}.")
         else:

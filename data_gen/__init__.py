@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from data_gen.patterns import draw_strokes as draw_strokes
     from data_gen.samples import make_sampler as make_sampler
     from data_gen.store.reader import CausticDataset as CausticDataset
+    from data_gen.testset import DEVELOPMENT_FIELDS as DEVELOPMENT_FIELDS
     from data_gen.testset import TEST_FIELDS as TEST_FIELDS
     from data_gen.testset import field_heights as field_heights
     from data_gen.testset import field_images as field_images
 
 _HOMES = {
     "CausticDataset": "data_gen.store.reader",
+    "DEVELOPMENT_FIELDS": "data_gen.testset",
     "DatasetConfig": "data_gen.dataset_config",
     "PhotonConfig": "data_gen.dataset_config",
     "PictureConfig": "data_gen.config",

@@ -31,6 +31,18 @@ def start_device(name: str) -> str:
     return device
 
 
+def device_name(device: str) -> str:
+    """What a device is, for records: the model of a GPU, or of the processor and its threads."""
+    import torch
+
+    if device.startswith("cuda"):
+        return torch.cuda.get_device_name(device)
+    model = "CPU"
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        model = next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), model)
+    return f"{model}, {torch.get_num_threads()} threads"
+
+
 @contextlib.contextmanager
 def _stderr_off() -> Iterator[None]:
     sys.stderr.flush()

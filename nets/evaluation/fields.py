@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from data_gen.dataset_config import PhotonConfig, sample_generator, sample_seed
-from data_gen.testset import TEST_FIELDS, field_heights, fields_config
+from data_gen.testset import FieldSet, field_count, field_heights, fields_config
 from nets.evaluation.arrays import array_hash, read_arrays, write_arrays
 from nets.evaluation.code_version import code_version
 from warp_caustics.capture.read import read_capture
@@ -76,17 +76,17 @@ class Source:
     warnings: tuple[str, ...] = ()
 
 
-def testset_sources(scene: Scene, device: str, count: int | None = None) -> list[Source]:
-    """The ten test fields, or the first few; the same plates and images as ``nsfc data testset`` writes.
+def testset_sources(
+    scene: Scene, device: str, count: int | None = None, which: FieldSet = "development"
+) -> list[Source]:
+    """Development or test fields, or the first few; the same plates and images as ``nsfc data testset`` writes.
 
     Raises:
         InputError: no such number of fields.
     """
-    count = TEST_FIELDS if count is None else count
-    if not 1 <= count <= TEST_FIELDS:
-        raise InputError(f"{count} test fields; there are {TEST_FIELDS}, give 1 to {TEST_FIELDS}")
-    fingerprint = fields_config().sample_fingerprint()
-    heights = field_heights(scene, device)[:count].astype(np.float64)
+    count = field_count(which, count)
+    fingerprint = fields_config(which=which).sample_fingerprint()
+    heights = field_heights(scene, device, which)[:count].astype(np.float64)
     return [Source(f"field_{k}", relief, (fingerprint, k)) for k, relief in enumerate(heights)]
 
 

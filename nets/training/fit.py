@@ -23,6 +23,7 @@ from nets.training.config import RunConfig
 from nets.training.devices import Stopwatch, autocast
 from nets.training.keys import step_seed
 from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
+from nets.training.origin import origin
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult, ahead
 from nets.training.record import RunRecord, write_sample
 from nets.training.sources import ReplaySource, make_source
@@ -414,5 +415,6 @@ class _Loop:
             "elapsed_s": round(state.elapsed_s, 1),
             "objective": self.task.objective,
             "best": finite_or_none(state.stopping.best),
+            "origin": origin(str(self.device), self.world),
         }
         return export_weights(self.folder / "weights.safetensors", state.average.network, self.config, training)

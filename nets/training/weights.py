@@ -19,12 +19,15 @@ from warp_caustics.scene import Scene
 def export_weights(path: Path, network: nn.Module, config: RunConfig, training: dict[str, Any]) -> str:
     """Write the averaged network; returns the path.
 
-    What it started from is recorded by its content hash. Names of files in the record lose their folders.
+    What it started from is recorded by its content hash, and by every training that made it (``legs_before``). Names of
+    files in the record lose their folders.
     """
+    from nets.training.origin import legs_before
     from nets.weights import save_weights, weights_info
 
     if config.initial_weights is not None:
-        training = {**training, "initial_weights": weights_info(config.initial_weights).content_hash}
+        start = weights_info(config.initial_weights)
+        training = {**training, "initial_weights": start.content_hash, "legs_before": legs_before(start)}
     if config.data is None:
         denoiser = frozen_denoiser(config, torch.device("cpu"))[1]
         fingerprint = fresh_dataset(config, is_validation=False, denoiser=denoiser).sample_fingerprint()

@@ -8,7 +8,7 @@ import pytest
 
 from cli.main import main
 from data_gen.store import CausticDataset
-from data_gen.testset import field_heights
+from data_gen.testset import field_heights, field_images
 from nets import build
 from nets.weights import save_weights
 from warp_caustics.io.heights import read_heights
@@ -127,7 +127,7 @@ def test_testset_writes_heights_and_images(tmp_path, capsys, monkeypatch):
     from data_gen.dataset_config import PhotonConfig
 
     monkeypatch.setattr("data_gen.testset.field_images.__kwdefaults__", {
-        "noise_std": 0.01, "photons": PhotonConfig(n_photons=4000, placement="stratified"), "fields": 10,
+        **field_images.__kwdefaults__, "photons": PhotonConfig(n_photons=4000, placement="stratified"),
     })  # fmt: skip
     assert main(["data", "testset", str(tmp_path / "t"), "--fields", "2", "--device", "cpu", *SMALL[:4]]) == 0
     assert "field_1" in capsys.readouterr().out
@@ -135,7 +135,13 @@ def test_testset_writes_heights_and_images(tmp_path, capsys, monkeypatch):
     assert read_image(tmp_path / "t" / "field_0_image.tif").values.shape == (3, 16, 16)
     record = json.loads((tmp_path / "t" / "testset.json").read_text(encoding="utf-8"))
     assert record["fields"] == ["field_0", "field_1"]
+    assert record["set"] == "development"
     assert main(["data", "testset", str(tmp_path / "t"), "--fields", "11"]) == 3
+    unseen = ["data", "testset", str(tmp_path / "u"), "--fields", "1", "--which", "test", "--device", "cpu"]
+    assert main([*unseen, *SMALL[:4]]) == 0
+    other = json.loads((tmp_path / "u" / "testset.json").read_text(encoding="utf-8"))
+    assert other["set"] == "test" and other["fingerprint"] != record["fingerprint"]
+    assert not np.array_equal(read_heights(tmp_path / "u" / "field_0_heights.npy"), field_heights(SCENE)[0])
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ TINY = DirectConfig(backbone=BackboneConfig(widths=(4, 4), depths=(1, 1)))
 def file(tmp_path_factory):
     """Weights of a tiny network."""
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    training = {"epochs": 7, "best": {"rmse_um": 12.5}}
+    training = {"epochs": 7, "best": {"rmse_um": 12.5}, "legs_before": [{"steps": 3}, {"steps": 4}]}
     save_weights(path, build(TINY, SCENE), scene=SCENE, data_fingerprint="abc", training=training)
     return path
 
@@ -30,6 +30,7 @@ def test_info_says_what_is_in_a_file(file, capsys):
     assert lines["architecture.backbone.widths"] == "[4, 4]"
     assert lines["scene.image_pixels"] == "16"
     assert lines["training.best.rmse_um"] == "12.5"
+    assert (lines["training.legs_before.1.steps"], lines["training.legs_before.2.steps"]) == ("3", "4")
     assert lines["data_fingerprint"] == "abc"
     assert lines["receptive_field.height_samples"] == "-"
     module = build(TINY, SCENE)
@@ -42,7 +43,7 @@ def test_info_as_json(file, capsys):
     assert main(["weights", "info", str(file), "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["file"] == str(file)
-    assert record["training"] == {"epochs": 7, "best": {"rmse_um": 12.5}}
+    assert record["training"]["best"] == {"rmse_um": 12.5} and len(record["training"]["legs_before"]) == 2
     assert Scene.model_validate(record["scene"]) == SCENE
     assert record["receptive_field"]["sees_all"] is True
 

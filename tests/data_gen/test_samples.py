@@ -6,7 +6,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.samples import Images, Reliefs, make_sampler
-from data_gen.testset import TEST_FIELDS, field_heights, field_images, fields_config
+from data_gen.testset import DEVELOPMENT_FIELDS, field_heights, field_images, fields_config
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError
 
@@ -114,12 +114,12 @@ def test_images_of_reseeded_photons_equal_those_of_a_new_simulator():
     assert torch.equal(again, fresh)
 
 
-def test_test_fields_are_fixed():
+def test_development_fields_are_fixed():
     """Ten fields with the flat guess about 400 um off; the same plates whatever the scene's resolution."""
     fine, coarse = field_heights(), field_heights(Scene(height_samples=64))
-    assert fine.shape == (TEST_FIELDS, 128, 128)
+    assert fine.shape == (DEVELOPMENT_FIELDS, 128, 128)
     # Narrow lines are averaged over 4 x 4 points of a cell in both.
-    pooled = fine.reshape(TEST_FIELDS, 64, 2, 64, 2).mean(axis=(2, 4))
+    pooled = fine.reshape(DEVELOPMENT_FIELDS, 64, 2, 64, 2).mean(axis=(2, 4))
     assert np.sqrt(((pooled - coarse) ** 2).mean()) < 0.01 * np.sqrt((coarse**2).mean())
     rms = np.sqrt((fine.astype(np.float64) ** 2).mean(axis=(1, 2)))
     np.testing.assert_allclose(rms[:3] * 1e6, [189.00, 720.59, 288.60], atol=0.02)

@@ -28,7 +28,7 @@ def test_testset_is_that_of_the_data_command(tiny_scene, tmp_path):
     assert [field.name for field in prepared] == ["field_0", "field_1"]
     for field, image in zip(prepared, expected, strict=True):
         np.testing.assert_array_equal(field.image.irradiance, image)
-    with pytest.raises(InputError, match="11 test fields; there are 10"):
+    with pytest.raises(InputError, match="11 development fields; there are 10"):
         testset_sources(tiny_scene, "cpu", 11)
 
 

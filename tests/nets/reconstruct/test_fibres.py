@@ -171,6 +171,8 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(model, image, mo
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
     assert float(sigma.min()) == pytest.approx(0.3e-6) and 1e-6 < float(sigma.max()) < 1e-5
     assert float(np.mean(error < 2 * sigma)) > 0.95
+    on_lines = truth.numpy() > 1e-5
+    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.97, "as of own plates, docs/learned.md"
 
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):

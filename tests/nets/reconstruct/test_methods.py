@@ -11,6 +11,7 @@ from nets.reconstruct.methods import ALL_METHODS, create
 from nets.reconstruct.network_io import network_image
 from nets.reconstruct.refinement import Refinement, RefinementOptions
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.training.tasks import ITERATED_STEPS
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.methods import METHODS
@@ -69,6 +70,14 @@ def test_record_is_complete(made, scene, image, name, options):
     if not options.get("refine", name != "nsfc"):
         assert np.abs(result.heights_m).max() < 1e-12
     assert (result.uncertainty_m is not None) == (name == "direct" and options.get("symmetries", True))
+
+
+def test_the_papers_method_does_ten_steps(made, image):
+    """Figures 5 to 7 of the supplement: "after ten update iterations"; trainings are judged by as many."""
+    method = made("nsfc", keep_iterates=True)
+    result = method.reconstruct(image)
+    assert result.counters["steps"] == len(result.history) == len(result.iterates_m) - 1 == 10
+    assert method.iterations == ITERATED_STEPS
 
 
 def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from nets.training.config import default_run
 from nets.training.state import EarlyStopping
 
 NAN, INF = math.nan, math.inf
@@ -69,3 +70,20 @@ def test_forgetting_the_waiting_is_caught():
         if stopping.should_stop:
             break
     assert stopping.epoch != stop
+
+
+@pytest.mark.parametrize("kind", ["denoiser", "updater"])
+def test_the_papers_networks_stop_as_the_paper_says(kind):
+    """Section 2.1: after three epochs without progress; five epochs are the least."""
+    training = default_run(kind)["training"]
+
+    def stopped_after(losses):
+        stopping = EarlyStopping(training["patience"], training["min_epochs"])
+        for loss in losses:
+            stopping.saw(loss)
+            if stopping.should_stop:
+                return stopping.epoch
+        return None
+
+    assert stopped_after([1.0] * 40) == 5
+    assert stopped_after([9.0, 8.0, 7.0, 6.0, 5.0, 4.0] + [4.0] * 40) == 6 + 3

@@ -11,6 +11,7 @@ from nets.training.devices import Stopwatch
 from nets.training.fresh import FreshSource
 from nets.training.losses import psnr_db, relief_loss, total_variation, update_loss
 from nets.training.optimisation import WeightAverage, clip_gradients, learning_rate
+from nets.training.origin import commit
 from nets.training.record import read_metrics, write_sample
 from nets.training.task import Sample
 from nets.training.tasks import make_task
@@ -185,6 +186,17 @@ def test_starting_from_weights(tiny_run, train, tmp_path):
     infos = [load_weights(result.weights).info for result in (first, second)]
     assert "initial_weights" not in infos[0].training
     assert infos[1].training["initial_weights"] == infos[0].content_hash
+    assert infos[0].training["reliefs"]["line_count"] == [2, 30], "ranges of its reliefs"
+    made = infos[0].training["origin"]
+    assert made["licence"] == "MIT" and made["device"] and made["devices"] == 1 and made["date"].startswith("2")
+    assert made["commit"] == commit()
+    third = train(config.model_copy(update={"initial_weights": second.weights}), tmp_path / "third-leg")
+    legs = load_weights(third.weights).info.training["legs_before"]
+    assert [leg["content_hash"] for leg in legs] == [info.content_hash for info in infos]
+    assert [leg["config"]["learning_rate"] for leg in legs] == [
+        info.training["config"]["learning_rate"] for info in infos
+    ]
+    assert all(leg["origin"] and leg["steps"] and leg["data_fingerprint"] for leg in legs)
     other = tiny_run("direct", network={"encoding": {"log_floor": 0.05}})
     with pytest.raises(MismatchError, match="another architecture"):
         train(other.model_copy(update={"initial_weights": first.weights}), tmp_path / "third")

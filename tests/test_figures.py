@@ -1,0 +1,161 @@
+"""Figures of README and docs are those of stored results."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_gen.testset import fields_config
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+
+ROOT = Path(__file__).parents[1]
+STORED = json.loads((ROOT / "benchmarks" / "robustness_h200.json").read_text(encoding="utf-8"))
+ITERATED = json.loads((ROOT / "benchmarks" / "learned_h200.json").read_text(encoding="utf-8"))["iterations/full"]
+CPU, GPU = "two CPU cores", "one H200"
+
+
+def page(name):
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def table(text, head):
+    """Rows of the table whose head begins so, without emphasis."""
+    rows = text.split(f"{head}")[1].split("\n\n")[0].splitlines()[2:]
+    return [[cell.strip().replace("*", "") for cell in row.strip("|").split("|")] for row in rows]
+
+
+def figures(cell):
+    return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
+
+
+def errors(method, device):
+    """RMSE of the ten development fields [um], in their order."""
+    cells = [cell for cell in STORED["cells"] if (cell["method"], cell["device"]) == (method, device)]
+    assert sorted(cell["field"] for cell in cells) == list(range(10))
+    return np.array([cell["rmse_um"] for cell in sorted(cells, key=lambda cell: cell["field"])])
+
+
+ROWS = {
+    "flat guess": np.array(STORED["flat_rmse_um"]),
+    "nsfc": np.array(ITERATED)[:, 10],
+    "direct cpu": errors("direct", CPU),
+    "direct gpu": errors("direct", GPU),
+    "symmetries": errors("direct:refine=false", CPU),
+    "fibres": errors("fibres", GPU),
+}
+
+
+def agrees(printed, values):
+    """Mean, median and worst, as far as they are printed, to half of their last digit."""
+    for text, value in zip(printed, (values.mean(), np.median(values), values.max()), strict=False):
+        digits = len(text.partition(".")[2])
+        assert abs(float(text) - value) <= 0.5001 * 10.0**-digits, (text, value)
+
+
+def printed(cell):
+    """mean / median of a cell, before any time."""
+    return re.findall(r"\d+(?:\.\d+)?", cell.split(",")[0])
+
+
+def test_readme():
+    rows = {row[0]: row[1:] for row in table(page("README.md"), "| relief RMSE, mean / median |")}
+    agrees(printed(rows["flat guess"][0]), ROWS["flat guess"])
+    nsfc = next(cells for name, cells in rows.items() if name.startswith("`nsfc`"))
+    agrees(printed(nsfc[1]), ROWS["nsfc"])
+    agrees(printed(rows["`direct`, the default"][0]), ROWS["direct cpu"])
+    agrees(printed(rows["`direct`, the default"][1]), ROWS["direct gpu"])
+    lines = rows["`fibres`, the printed lines themselves"]
+    agrees(printed(lines[1]), ROWS["fibres"])
+    assert len(rows) == 4
+    times = [cell["time_s"] for cell in STORED["cells"] if cell["method"] == "fibres"]
+    assert [round(min(times)), round(max(times))] == figures(lines[1].split(",")[1])
+    assert rows["`direct`, the default"][0].endswith(STORED["times"][CPU]["direct"])
+    assert rows["`direct`, the default"][1].endswith("0.25 s") and STORED["times"][GPU]["direct"] == "250 ms"
+
+
+def test_readme_on_cameras():
+    (text,) = re.findall(
+        r"0\.3 px\s+apart, or blurred by 1 px, the ten plates are ([\d.]+) and ([\d.]+) um", page("README.md")
+    )
+    rows = {row[0]: row for row in STORED["printed"]["rows"]}
+    assert text == tuple(rows[name][2].split(" / ")[0] for name in ("opposite, 0.3 px", "1 px"))
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/learned.md"])
+def test_lines_against_the_network(name):
+    """How many times as exact ``fibres`` is as ``direct``, plate by plate."""
+    (low, high) = re.search(r"(\d+) to (\d+) times as\s+exact", page(name)).groups()
+    ratio = ROWS["direct gpu"] / ROWS["fibres"]
+    assert (int(low), int(high)) == (round(ratio.min()), round(ratio.max()))
+
+
+def test_conditions():
+    """The first table of docs/learned.md; only its printed figures were kept."""
+    assert table(page("docs/learned.md"), "| image of the ten plates |") == STORED["printed"]["rows"]
+    assert "only the printed" in STORED["printed"]["about"]
+
+
+def test_ten_plates():
+    rows = {row[0]: row[1:] for row in table(page("docs/learned.md"), "| ten plates as simulated |")}
+    beginnings = {
+        "flat guess": "flat guess",
+        "`nsfc`": "nsfc",
+        "mean of eight": "symmetries",
+        "`direct` on a CPU": "direct cpu",
+        "`direct` on a GPU": "direct gpu",
+        "`fibres`": "fibres",
+    }
+    assert len(rows) == len(beginnings)
+    for beginning, stored in beginnings.items():
+        cells = next(cells for name, cells in rows.items() if name.startswith(beginning))
+        agrees([cell for cell in cells[:3] if cell], ROWS[stored])
+    fields = {row[0]: row[1:] for row in table(page("docs/learned.md"), "| field, H200 |")}
+    for method in ("direct", "fibres"):
+        for text, value in zip(fields[f"`{method}`"], ROWS[f"{method}{' gpu' * (method == 'direct')}"], strict=True):
+            agrees([text], np.array([value]))
+
+
+def test_own_fields():
+    own = STORED["own_fields"]["conditions"]
+    names = {
+        "as simulated": "ideal",
+        "blur of 1 px": "blur-1",
+        "red and blue 0.3 px from green, opposite": "opposite-0.3",
+    }
+    text = page("docs/learned.md").split("On 60 own fields")[1]
+    rows = {row[0]: row[1:] for row in table(text, "| image |")}
+    for name, condition in names.items():
+        agrees(printed(rows[name][0]), np.array(own[condition]["direct:refine=false"]["rmse_um"]))
+        found = own[condition]["direct"]
+        agrees(printed(rows[name][1]), np.array(found["rmse_um"]))
+        one, two = (round(100 * np.mean(found[share])) for share in ("within_one", "within_two"))
+        assert figures(rows[name][2]) == [one, two]
+
+
+def test_the_ten_are_easier_than_most():
+    flat = np.array(STORED["random_fields"]["flat_rmse_um"])
+    ten = ROWS["flat guess"]
+    assert len(flat) == 2000
+    text = " ".join(page("docs/learned.md").split())
+    said = re.search(
+        r"median of (\d+) um on these ten, of (\d+) um on 2,000 random fields \(mean (\d+) and (\d+); quartiles "
+        r"(\d+) and (\d+)\), of which (\d+) %",
+        text,
+    )
+    share = 100 * (flat > np.median(ten)).mean()
+    true = np.median(ten), np.median(flat), ten.mean(), flat.mean(), *np.quantile(flat, (0.25, 0.75)), share
+    np.testing.assert_allclose([float(number) for number in said.groups()], true, atol=0.6)
+    assert STORED["development_fingerprint"] == fields_config().sample_fingerprint()
+
+
+def test_uncertainty_covers_what_it_says_on_fields_that_did_not_make_its_factor():
+    """Of one, two and three standard uncertainties; errors have longer tails than a normal distribution."""
+    (ratios,) = STORED["error_over_spread"]["of"].values()
+    covered = [float(np.mean(np.array(ratios) <= k * DIRECT_CALIBRATION.scale)) for k in (1, 2, 3)]
+    np.testing.assert_allclose(covered, [0.683, 0.87, 0.95], atol=0.04)
+    (said,) = re.findall(
+        r"lie (\d+), (\d+) and (\d+) % within one, two and three", " ".join(page("docs/learned.md").split())
+    )
+    np.testing.assert_allclose([float(share) for share in said], 100 * np.array(covered), atol=0.6)
