@@ -94,9 +94,6 @@ def commands(inputs, tmp_path, monkeypatch):
     folder = tmp_path / "inputs"
     shutil.copytree(inputs, folder)
     shutil.copy(folder / "image.tif", folder / "second.tif")
-    import cli.compare
-    import cli.search
-    import cli.train
 
     class Reached(InputError):
         """What a long part raises: it was begun, the folder was taken for one that may be written."""
@@ -108,6 +105,7 @@ def commands(inputs, tmp_path, monkeypatch):
         monkeypatch.setattr(name, reached)
     monkeypatch.setattr("cli.job.Job._announce", reached)
     monkeypatch.setattr("cli.data._announce", lambda *args: None)
+    monkeypatch.setattr("cli.inspection.series._Series._draw_trend", lambda series: None)
     monkeypatch.setattr("warp_caustics.design.designer.Designer.design", reached)
     fake = type("Fake", (), {"reconstruct": reached})
     monkeypatch.setattr(InspectionJob, "method", lambda job: fake())
