@@ -105,6 +105,7 @@ def commands(inputs, tmp_path, monkeypatch):
         monkeypatch.setattr(name, reached)
     monkeypatch.setattr("cli.job.Job._announce", reached)
     monkeypatch.setattr("cli.data._announce", lambda *args: None)
+    monkeypatch.setattr("cli.inspection.series._Series._draw_trend", lambda series: None)
     monkeypatch.setattr("warp_caustics.design.designer.Designer.design", reached)
     fake = type("Fake", (), {"reconstruct": reached})
     monkeypatch.setattr(InspectionJob, "method", lambda job: fake())
