@@ -34,7 +34,9 @@ EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 @click.option("--initial-weights", type=click.Path(), help="Weights file to start from.")
 @click.option("--resume", is_flag=True, help="Continue the run in the folder from its last checkpoint.")
 @click.option("--force", is_flag=True, help="Delete an earlier run in the folder.")
-@click.option("--max-time", type=duration, metavar="TIME", help="Train for so long, counted from the first step, e.g. 8m.")
+@click.option(
+    "--max-time", type=duration, metavar="TIME", help="Train for so long, counted from the first step, e.g. 8m."
+)
 @click.option("--max-steps", type=integer, help="Stop this command when the run has so many steps.")
 @click.option("--total-time", type=duration, metavar="TIME", help="Length of the whole run, over several commands.")
 @click.option("--total-steps", type=integer, help="The same in steps; cosine decay ends there.")

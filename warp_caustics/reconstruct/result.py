@@ -24,7 +24,6 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-
 NO_SPREAD = "this method finds one relief, and nothing that tells how far from it others may lie"
 """Why most methods have no uncertainty."""
 

@@ -105,9 +105,12 @@ def image_trust(
     elif is_beyond:
         line = f"not explained: {told}, a flat plate {_percent(flat)}; heights may be wrong by more than the relief"
     elif is_whole:
-        line = f"not explained on {_percent(places)} of the image: {told}; heights may be wrong there"
+        line = f"explained but for {_percent(places)} of its area: {told}; heights may be wrong there"
     else:
-        line = f"not explained: {told}; heights are wrong in places, or set-up and camera (blur) are not as described"
+        line = (
+            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or set-up and camera "
+            "(blur) are not as described"
+        )
     return Trust(line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond)
 
 
@@ -123,7 +126,9 @@ def seen_by_camera(seen: Trust, blur_px: float, apart_px: float) -> Trust | None
         return None
     what = [f"blur of {blur_px:.2g} px"] * (blur_px > 0) + [f"channels {apart_px:.2g} px apart"] * (apart_px > 0)
     after = seen.line.removeprefix("explained within noise")
-    return replace(seen, line=f"explained within noise by a camera ({', '.join(what)}) that the method leaves out{after}")
+    return replace(
+        seen, line=f"explained within noise by a camera ({', '.join(what)}) that the method leaves out{after}"
+    )
 
 
 def _unexplained_parts(left: torch.Tensor, expected: torch.Tensor) -> float:

@@ -82,7 +82,9 @@ def fabric():
 def train(fabric, monkeypatch):
     """Trains in a folder; pictures are left out unless asked for."""
 
-    def call(config, folder, *, max_steps=None, deadline=None, max_time_s=None, resume=False, pictures=False, watcher=None):
+    def call(
+        config, folder, *, max_steps=None, deadline=None, max_time_s=None, resume=False, pictures=False, watcher=None
+    ):
         folder.mkdir(exist_ok=True)
         if not pictures:
             monkeypatch.setattr(fit_module, "write_sample", lambda *arguments: None)

@@ -74,7 +74,9 @@ def test_a_design_far_higher_than_its_plate_is_refused_unless_told(tmp_path):
     """40 mm on a plate of 3 mm is a slip of the unit far more often than a print."""
     path = tmp_path / "design.csv"
     path.write_text("start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_mm\n-10,0,10,0,4,40\n")
-    with pytest.raises(InputError, match=r"is up to .* mm high, above 9 mm \(3 times .*: --max-height 35.5mm") as caught:
+    with pytest.raises(
+        InputError, match=r"is up to .* mm high, above 9 mm \(3 times .*: --max-height 35.5mm"
+    ) as caught:
         read_nominal(str(path), SCENE)
     told = float(str(caught.value).rsplit(" ", 1)[1].removesuffix("mm")) * 1e-3
     assert read_nominal(str(path), SCENE, highest_m=told).relief_m.max() <= told
