@@ -61,7 +61,7 @@ def energy_budget(
         emitted = light.sum(1).cpu()
         if not bool((emitted > 0).all()):
             raise InputError(
-                f"none of {engine.plan.count} light paths meets the part of the plate that the light's cone of half-angle "
+                f"none of {engine.plan.count} light paths meets the part of the plate that light's cone of half-angle "
                 f"{scene.emission_half_angle_rad:g} rad reaches from {list(scene.light_position_m)} m; move the light, "
                 "widen the cone, or raise --n-photons"
             )

@@ -84,7 +84,7 @@ def judge_plate(
 
 
 def doubted(found: Inspection, trust: Trust | None) -> Inspection:
-    """The same, but that no plate passes whose image is not explained by heights that may be wrong by their own size."""
+    """The same, but that no plate passes by heights that may be wrong by more than the relief."""
     if trust is None or not trust.is_beyond_relief or found.verdict != "pass":
         return found
     return replace(found, verdict="uncertain", reasons=(f"the image is {trust.line}", *found.reasons))

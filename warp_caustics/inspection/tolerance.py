@@ -20,9 +20,9 @@ COVERAGE_FACTOR = 2.0
 SMALLEST_CELLS = 5
 """A connected part of fewer cells is taken for an error of the measurement: its heights are correlated over about
 two cells, so that a single wrong one looks like up to four."""
-SPIKE_LIMITS = 3.0
-"""A deviation that is certainly so many times the largest one allowed is out of tolerance, however small its part of the
-plate is: errors of the measurement are not as high as that and as small."""
+SPIKE_LIMITS = 5.0
+"""A deviation that is certainly so many times the largest one allowed is out of tolerance, however small its part of
+the plate is: errors of the measurement are not as high as that and as small."""
 BARE_M = 1e-6
 """A nominal height up to which the plate is bare [m]."""
 FEWEST_BARE = 0.02

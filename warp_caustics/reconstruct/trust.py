@@ -105,9 +105,12 @@ def image_trust(
     elif is_beyond:
         line = f"not explained: {told}, a flat plate {_percent(flat)}; heights may be wrong by more than the relief"
     elif is_whole:
-        line = f"not explained on {_percent(places)} of the image: {told}; heights may be wrong there"
+        line = f"explained but for {_percent(places)} of its area: {told}; heights may be wrong there"
     else:
-        line = f"not explained: {told}; heights are wrong in places, or set-up and camera (blur) are not as described"
+        line = (
+            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or set-up and camera "
+            "(blur) are not as described"
+        )
     return Trust(line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond)
 
 

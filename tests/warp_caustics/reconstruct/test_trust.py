@@ -62,6 +62,13 @@ def test_a_small_line_that_is_missing_does_not_drown_in_the_noise_of_the_rest():
     heights = relief(*LINES)
     found = trust(light(relief(*LINES, SMALL)), heights, 0.05)
     assert found.is_explained is False and 0 < found.places < 0.1 and not found.is_beyond_relief
+    assert found.line.startswith(f"explained but for {100 * found.places:.2g} % of its area: ")
+
+
+def test_what_errs_by_a_little_is_explained_in_part():
+    found = trust(light(relief(*LINES)), 0.75 * relief(*LINES), 0.005)
+    assert found.is_explained is False and not found.is_beyond_relief
+    assert found.line.startswith("explained in part: ") and "a flat plate" in found.line
 
 
 def test_a_blur_that_no_model_knows_is_named_and_the_truth_stays_believed():
