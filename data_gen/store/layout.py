@@ -208,8 +208,8 @@ def _check_manifest(manifest: Manifest) -> None:
     _require(isinstance(manifest.libraries, Mapping), "libraries")
     _require(len(manifest.fields) > 0, "fields")
     for field in manifest.fields:
-        texts = (field.name, field.dtype, field.unit, field.description)
-        _require(all(isinstance(text, str) for text in texts) and field.dtype in FIELD_DTYPES, "fields")
+        words = (field.name, field.dtype, field.unit, field.description)
+        _require(all(isinstance(word, str) for word in words) and field.dtype in FIELD_DTYPES, "fields")
         _require(all(_is_count(length, 1) for length in field.shape), f"shape of {field.name[:40]}")
         _require(len(manifest.samples[field.name]) == len(manifest.ids), f"samples of {field.name[:40]}")
     _require(all(_is_hash(digest) for digests in manifest.samples.values() for digest in digests), "samples")

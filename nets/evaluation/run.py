@@ -8,7 +8,7 @@ import torch
 
 from nets.evaluation.fields import Field
 from nets.evaluation.method_spec import FLAT, MethodSpec, Stage
-from warp_caustics.errors import CausticsError, InputError
+from warp_caustics.errors import CausticsError, InputError, known_names
 from warp_caustics.metrics import relative_residual
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.transport.transport import with_initial
@@ -75,8 +75,7 @@ def check_methods(specs: Sequence[MethodSpec], scene: Scene, device: str) -> lis
     for spec in specs:
         for stage in spec.stages:
             if stage.name not in known_methods():
-                names = ", ".join(known_methods())
-                raise InputError(f"method {stage.name!r} is not known; use one of {names}")
+                raise InputError(f"method {stage.name!r} is not known; {known_names(stage.name, known_methods())}")
             try:
                 create_method(stage.name, scene, device, _options(stage, truth))
             except CausticsError as error:

@@ -204,7 +204,7 @@ def test_a_method_that_cannot_be_made_is_named_at_once(lab, no_page, plates, tmp
     assert err.startswith("warning: sfc:unknown=1: sfc.unknown: unknown key")
     assert compare(plates[:1], tmp_path / "other", "sfc:unknown=1") == 3
     assert compare(plates[:1], tmp_path / "other", "sfz") == 3
-    assert "method 'sfz' is not known; use one of refine, sfc" in capsys.readouterr().err
+    assert "method 'sfz' is not known; did you mean 'sfc'?" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

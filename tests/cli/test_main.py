@@ -216,3 +216,21 @@ def test_bad_configuration_is_found_before_anything_heavy_is_loaded():
         arguments = [*command, "-o", "x", "--set", "scene.image_pixels=0"]
         run = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
         assert (run.returncode, run.stdout) == (3, "[]\n"), run.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments, guess",
+    [
+        (["reconstrct"], "did you mean 'reconstruct'?"),
+        (["config", "show", "--set", "scene.image_pixel=3"], "did you mean 'image_pixels'?"),
+        (["config", "show", "--set", "scene.glass=fused_silca"], "did you mean 'fused_silica'?"),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_guessed(arguments, guess, capsys):
+    assert main_module.main(arguments) in (2, 3)
+    assert guess in capsys.readouterr().err
+
+
+def test_a_command_that_is_like_none_gets_the_list(capsys):
+    assert main_module.main(["qqqqqq"]) == 2
+    assert "use one of reconstruct, inspect" in capsys.readouterr().err

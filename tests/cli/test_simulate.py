@@ -173,3 +173,22 @@ def test_noise_outside_its_range_is_refused(tmp_path, noise, capsys):
     np.save(tmp_path / "flat.npy", np.zeros((32, 32)))
     assert simulate(tmp_path / "flat.npy", tmp_path / "out.npy", "--noise", noise) == 3
     assert "0.01 is 1 %" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("count", [1, 5, 64])
+def test_any_number_of_wavelengths(tmp_path, inputs, count):
+    from cli.main import main
+
+    wavelengths = ", ".join(f"{400 + 5 * k}nm" for k in range(count))
+    settings = [
+        "--set",
+        f"scene.wavelengths_m=[{wavelengths}]",
+        "--set",
+        f"scene.radiosity_W_m2=[{', '.join('1' * count)}]",
+    ]
+    settings += ["--set", "scene.image_pixels=80", "--n-photons", "1e3", "--device", "cpu"]
+    assert (
+        main(["simulate", str(inputs / "heights.npy"), "-o", str(tmp_path / "x.npy"), "--config", "small", *settings])
+        == 0
+    )
+    assert np.load(tmp_path / "x.npy").shape == (count, 80, 80)

@@ -7,7 +7,7 @@ Files are therefore opened without waiting and looked at before a byte is read.
 import errno
 import os
 import stat
-from typing import BinaryIO
+from io import BufferedReader
 
 PathLike = str | os.PathLike[str]
 
@@ -48,7 +48,7 @@ def require_regular(path: PathLike) -> os.stat_result:
     return info
 
 
-def open_regular(path: PathLike) -> BinaryIO:
+def open_regular(path: PathLike) -> BufferedReader:
     """Open a regular file for reading its bytes; nothing else is waited for.
 
     Raises:

@@ -23,7 +23,7 @@ class _Loader(yaml.SafeLoader):
     """YAML 1.2 core schema; refuses duplicate keys and aliases."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        tag = getattr(self.peek_event(), "tag", None)
+        tag = getattr(self.peek_event(), "tag", None)  # type: ignore[no-untyped-call]
         if tag is not None:
             mark, shown = self.get_mark(), tag.replace("tag:yaml.org,2002:", "!!")[:40]
             raise yaml.constructor.ConstructorError(None, None, f"tags ({shown}) are not read; leave it out", mark)

@@ -36,7 +36,7 @@ PRIOR_M = 2e-3
 LARGEST_END_STEP_M = 3e-4
 """In one step of the fit."""
 DESIGN_ITERATIONS = 8
-BLOCK_LINES = 400
+BLOCK_LINES = 200
 """Fitted together at most: the normal equations grow with the square of their number, their solution with the cube."""
 BLOCK_VALUES = 1 << 25
 """Lines times cells fitted together at most: a block takes 2 GB of derivatives at this."""

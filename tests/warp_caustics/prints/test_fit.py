@@ -112,3 +112,16 @@ def test_odd_numbers_without_a_deviation_are_no_fault():
     nothing = np.zeros((N, N), bool)
     found = fibre_findings(LINES, fitted, nothing, np.zeros((N, N)), np.full((N, N), TOLERANCE), TOLERANCE, PLATE)
     assert [fibre.status for fibre in found] == ["as designed"] * 3
+
+
+def test_blocks_find_what_one_matrix_finds(monkeypatch):
+    """Several blocks, where a design is too large for one: the same heights, within what their overlaps leave."""
+    from warp_caustics.prints import fit as module
+
+    heights = relief([replace(line, height_m=1.1 * line.height_m) for line in LINES])
+    whole = fit_design(MODEL, LINES, heights, SIGMA)
+    monkeypatch.setattr(module, "BLOCK_LINES", 1)
+    split = fit_design(MODEL, LINES, heights, SIGMA)
+    for one, other in zip(whole, split, strict=True):
+        assert abs(one.line.height_m - other.line.height_m) < 3e-6
+        assert abs(one.displacement_m - other.displacement_m) < 3e-6
