@@ -216,3 +216,22 @@ def test_bad_configuration_is_found_before_anything_heavy_is_loaded():
         arguments = [*command, "-o", "x", "--set", "scene.image_pixels=0"]
         run = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
         assert (run.returncode, run.stdout) == (3, "[]\n"), run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "found"), [("nsfc tra", "train"), ("nsfc train de", "denoiser"), ("nsfc pl", "plan")]
+)
+def test_commands_and_values_complete(words, found, monkeypatch, capsys):
+    monkeypatch.setenv("_NSFC_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit):
+        main([])
+    assert f"plain,{found}" in capsys.readouterr().out.split()
+
+
+def test_the_completion_script_is_printed(monkeypatch, capsys):
+    monkeypatch.setenv("_NSFC_COMPLETE", "bash_source")
+    with pytest.raises(SystemExit):
+        main([])
+    assert "complete -o nosort -F _nsfc_completion nsfc" in capsys.readouterr().out
