@@ -226,12 +226,12 @@ def test_commands_and_values_complete(words, found, monkeypatch, capsys):
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
     with pytest.raises(SystemExit):
-        main([])
+        main_module.main([])
     assert f"plain,{found}" in capsys.readouterr().out.split()
 
 
 def test_the_completion_script_is_printed(monkeypatch, capsys):
     monkeypatch.setenv("_NSFC_COMPLETE", "bash_source")
     with pytest.raises(SystemExit):
-        main([])
+        main_module.main([])
     assert "complete -o nosort -F _nsfc_completion nsfc" in capsys.readouterr().out
