@@ -188,7 +188,11 @@ OTHERS = [(block, words) for block, words in COMMANDS if words[0] != "nsfc" and 
 
 @pytest.mark.parametrize(("block", "words"), OTHERS, ids=ids(OTHERS))
 def test_other_commands_are_right(block, words):
-    if words[0] == "make":
+    if words[0] == "source":
+        assert words[1] == ".venv/bin/activate"  # where `make venv` puts it
+    elif words[0] == "eval":
+        assert words[1] == "$(_NSFC_COMPLETE=bash_source nsfc)"  # tests/cli/test_main.py runs it
+    elif words[0] == "make":
         targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
         assert words[1] in targets
     elif words[0] == "python":
@@ -221,6 +225,7 @@ def workspace(folder, block):
     from warp_caustics import CausticSimulator
     from warp_caustics.io import write_image
     from warp_caustics.prints.line import Line, line_relief
+    from warp_caustics.prints.line_list import write_lines
 
     name, content = setup_of_the_photo_page()
     (folder / name).write_text(content, encoding="utf-8")
@@ -243,6 +248,8 @@ def workspace(folder, block):
                 write_image(path, np.pad(np.full((40, 40), 255, np.uint8), 12, constant_values=60))
             elif word.endswith(".npy"):
                 np.save(path, heights)
+            elif word.endswith(".csv"):
+                write_lines(path, [Line((-0.012, -0.01), (0.012, 0.008), 6e-3, 1e-4)])
             elif word.endswith(".safetensors"):
                 tiny_weights(path, scene)
 

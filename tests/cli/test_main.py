@@ -234,3 +234,22 @@ def test_a_name_that_is_nearly_right_is_guessed(arguments, guess, capsys):
 def test_a_command_that_is_like_none_gets_the_list(capsys):
     assert main_module.main(["qqqqqq"]) == 2
     assert "use one of reconstruct, inspect" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "found"), [("nsfc tra", "train"), ("nsfc train de", "denoiser"), ("nsfc pl", "plan")]
+)
+def test_commands_and_values_complete(words, found, monkeypatch, capsys):
+    monkeypatch.setenv("_NSFC_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit):
+        main_module.main([])
+    assert f"plain,{found}" in capsys.readouterr().out.split()
+
+
+def test_the_completion_script_is_printed(monkeypatch, capsys):
+    monkeypatch.setenv("_NSFC_COMPLETE", "bash_source")
+    with pytest.raises(SystemExit):
+        main_module.main([])
+    assert "complete -o nosort -F _nsfc_completion nsfc" in capsys.readouterr().out
