@@ -148,7 +148,7 @@ def test_a_list_of_lines_is_simulated_as_its_relief(tmp_path):
     np.save(tmp_path / "map.npy", line_relief([Line((-0.01, -0.008), (0.012, 0.009), 3e-3, 2e-4)], 32, (0.05, 0.05)))
     images = []
     for name in ("design.csv", "map.npy"):
-        assert simulate(tmp_path / name, tmp_path / "out.npy") == 0
+        assert simulate(tmp_path / name, tmp_path / "out.npy", "--force") == 0
         images.append(np.load(tmp_path / "out.npy"))
     np.testing.assert_array_equal(*images)
 
