@@ -17,6 +17,7 @@ from cli.provenance import now
 from warp_caustics.io import hashes
 from warp_caustics.io.durable import is_temporary
 from warp_caustics.io.json_file import write_json
+from warp_caustics.io.regular import read_regular
 
 MARKER = ".nsfc.json"
 FORMAT = 1
@@ -125,7 +126,7 @@ def _json(path: Path) -> dict[str, Any]:
     try:
         if not is_regular(path) or os.stat(path).st_size > _MOST_BYTES * 64:
             return {}
-        tree = json.loads(path.read_bytes())
+        tree = json.loads(read_regular(path))
     except (OSError, ValueError, RecursionError):
         return {}
     return tree if isinstance(tree, dict) else {}

@@ -295,7 +295,8 @@ def test_commands_run(block, lines, tmp_path, monkeypatch, capfd):
         for word in words:
             if "/" in word and word == Path(word).as_posix() and not Path(word).is_absolute():
                 (tmp_path / word).parent.mkdir(parents=True, exist_ok=True)
-        if "-o" in arguments and Path(arguments[arguments.index("-o") + 1]).is_dir():
+        written = [Path(arguments[arguments.index(option) + 1]) for option in ("-o", "--stages") if option in arguments]
+        if any(path.exists() for path in written):
             arguments.append("--force")
         code = main(arguments)
         assert code == 0, f"{shlex.join(arguments)}\n{capfd.readouterr().err}"

@@ -193,7 +193,7 @@ def refuse_strangers(layout: Layout) -> None:
         InputError: names what it holds.
     """
     if layout.config.is_file():
-        if not {"n_samples", "samples_per_shard"} <= _parsed(layout.config.read_bytes(), layout).keys():
+        if not {"n_samples", "samples_per_shard"} <= _parsed(read_regular(layout.config), layout).keys():
             raise InputError(f"{str(layout.config)!r} is no data set's; give an empty folder")
         return
     strangers = sorted(entry.name for entry in layout.root.iterdir() if not entry.name.startswith("."))

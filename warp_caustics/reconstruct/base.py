@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.errors import InputError
-from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from warp_caustics.reconstruct.trust import Trust
 
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
 
@@ -121,7 +122,7 @@ class Reconstruction:
     iterates_m: FloatArray | None = None
     fibres_m: FloatArray | None = None
     no_uncertainty: str = ""
-    trust: Trust | None = None
+    trust: "Trust | None" = None
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.heights_m.shape))

@@ -82,6 +82,7 @@ def test_nothing_else_opens_files_for_reading():
             "durable.py",
             "page.py",
             "csv_table.py",
+            "journal.py",
             "atomic.py",
         },
         "warp_caustics/prints": {"line_list.py"},
