@@ -42,7 +42,7 @@ OUTLIER = 3.0
 LEAST_SHIFT_PX = 0.03
 """Channels less apart than this, everywhere in the image, are left where they are."""
 LEAST_STRUCTURE = 1e-3
-"""Contrast of a simulated image below which it tells nothing."""
+"""Contrast of a channel, measured or simulated, below which it tells nothing: lamp off, or a flat plate."""
 
 
 def registered(measurement: Measurement, simulated: torch.Tensor) -> ChannelCamera:
@@ -61,9 +61,13 @@ def registered(measurement: Measurement, simulated: torch.Tensor) -> ChannelCame
     window = _taper(pixels, weight.device)
     given, given_mean = _centred(measurement.irradiance[seen].float(), weight, window)
     expected, expected_mean = _centred(simulated[seen].float(), weight, window)
-    contrast = ((expected**2 * window).sum(dim=(1, 2)) / window.sum()).sqrt()
-    if float(contrast.min()) < LEAST_STRUCTURE:
-        return found
+    contrast = ((torch.stack((given, expected)) ** 2 * window).sum(dim=(2, 3)) / window.sum()).sqrt()
+    tells = (contrast >= LEAST_STRUCTURE).all(dim=0).tolist()
+    if not all(tells):
+        counts = torch.zeros_like(measurement.weight)
+        kept = [c for c, does in zip(seen, tells, strict=True) if does]
+        counts[kept] = measurement.weight[kept]
+        return registered(Measurement(measurement.irradiance, counts, measurement.noise), simulated)
     at_reference = min(range(len(seen)), key=lambda k: abs(seen[k] - channels // 2))
     shift, scale = np.zeros((len(seen), 2)), np.zeros(len(seen))
     others = [k for k in range(len(seen)) if k != at_reference]

@@ -128,6 +128,22 @@ def test_a_dark_channel_is_left_out():
     assert not camera.shift[1:].any() and not camera.blur.any()
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("level", [0.0, 0.3])
+def test_a_channel_without_light_is_left_out(level):
+    """All its pixels count and hold the same: no spectrum to compare, and the others are found as without it."""
+    measured = stacked(lines(RED, blur=1), lines(blur=1), level * np.ones((PIXELS, PIXELS)))
+    camera = found(measured, CLEAN)
+    np.testing.assert_allclose(camera.shift, [RED, (0, 0), (0, 0)], atol=0.01)
+    np.testing.assert_allclose(camera.blur, [1, 1, 0], atol=0.1)
+    assert np.isfinite(camera.gain).all() and np.isfinite(camera.ambient).all()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_measured_image_without_light_tells_nothing():
+    assert found(torch.zeros_like(CLEAN), CLEAN).is_perfect
+
+
 def test_gain_and_ambient_do_not_disturb():
     gain, ambient = torch.tensor([1.05, 0.98, 1.02])[:, None, None], 0.03
     sharp = gain * stacked(lines(RED), lines(), lines(BLUE)) + ambient + noise(3, PIXELS, PIXELS)
