@@ -26,7 +26,7 @@ from nets.training.optimisation import WeightAverage, clip_gradients, make_optim
 from nets.training.origin import origin
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult, ahead
 from nets.training.record import RunRecord, write_sample
-from nets.training.sources import ReplaySource, make_source
+from nets.training.sources import ReplaySource, check_pool, make_source
 from nets.training.state import EarlyStopping, RunState, finite_or_none
 from nets.training.tasks import make_task
 from nets.training.weights import export_weights, load_initial_weights
@@ -144,7 +144,9 @@ class _Loop:
         self.task = make_task(self.config, device, int(self.fabric.global_rank), self.watch)
         if isinstance(self.source, ReplaySource):
             self.source.network = self._average_model
-            self._check_pool(self.source)
+            taken = check_pool(self.source)
+            if self.is_first:
+                self.observer.note(taken)
         if self.is_first and training.replay.size:
             self.observer.stage("filling the pool of samples", 0, 0)
         self.source.resume(self.state.step * training.accumulate)
@@ -165,26 +167,9 @@ class _Loop:
             return
         if warning is not None:
             self.observer.warn(warning)
-        before = int(saved.get("processes", self.world))
-        if before != self.world:
-            self.observer.warn(
-                f"this run was on {before} devices and goes on with {self.world}: each step sees "
-                f"{self.world * self.training.batch_size} samples instead of {before * self.training.batch_size}; "
-                f"--devices {before} continues as before"
-            )
-
-    def _check_pool(self, pool: ReplaySource) -> None:
-        """Say what a pool takes, and refuse one that does not fit."""
-        size = pool.bytes_needed / 2**30
-        if self.device.type == "cuda":
-            free = torch.cuda.mem_get_info(self.device)[0] / 2**30
-            if size > free:
-                raise ResourceError(
-                    f"the pool of {self.training.replay.size} samples needs {size:.1f} GiB, {self.device} has "
-                    f"{free:.1f} GiB free; lower training.replay.size"
-                )
-        if self.is_first:
-            self.observer.note(f"pool       {self.training.replay.size} samples, {size:.2f} GiB on {self.device}")
+        changed = self.state.changed_batch(saved)
+        if changed is not None:
+            self.observer.warn(changed)
 
     def _told(self, done: int, total: int) -> None:
         if self.is_first:

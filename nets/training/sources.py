@@ -14,7 +14,7 @@ from nets.training.config import RunConfig
 from nets.training.files import FileSource
 from nets.training.fresh import FreshSource
 from nets.training.keys import step_generator
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, ResourceError
 
 
 def make_source(config: RunConfig, device: torch.device, rank: int = 0, world: int = 1) -> Source:
@@ -113,6 +113,23 @@ class ReplaySource:
         batch = {name: kept[chosen].float() for name, kept in self.pool.items()}
         answers = self.network(batch["target"], batch["simulated"], batch["start"], batch["gradient"])
         return starts.continued(batch, answers, self.fresh.ids(round_))
+
+
+def check_pool(pool: ReplaySource) -> str:
+    """What a pool takes, in a line.
+
+    Raises:
+        ResourceError: more than its GPU has free.
+    """
+    device, count, size = pool.fresh.device, pool.fresh.config.training.replay.size, pool.bytes_needed / 2**30
+    if device.type == "cuda":
+        free = torch.cuda.mem_get_info(device)[0] / 2**30
+        if size > free:
+            raise ResourceError(
+                f"the pool of {count} samples needs {size:.1f} GiB, {device} has {free:.1f} GiB free; "
+                "lower training.replay.size"
+            )
+    return f"pool       {count} samples, {size:.2f} GiB on {device}"
 
 
 class FixedSource:

@@ -168,6 +168,16 @@ class RunState:
             what = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
             raise DamagedDataError(f"checkpoint is not whole ({what}); train again with --force") from error
 
+    def changed_batch(self, saved: dict[str, Any]) -> str | None:
+        """How many samples a step sees that another number of processes saw before; None where nothing changed."""
+        now, before, size = self.processes, int(saved.get("processes", self.processes)), self.config.training.batch_size
+        if now == before:
+            return None
+        return (
+            f"this run was on {before} devices and goes on with {now}: each step sees {now * size} samples instead "
+            f"of {before * size}; --devices {before} continues as before"
+        )
+
     def _take(self, saved: dict[str, Any]) -> None:
         device = self.loss_sum.device
         self.network.load_state_dict(saved["network"])

@@ -149,3 +149,12 @@ def main():
 
 if __name__ == "__main__":
     main()
+
+
+def everything(folder):
+    """Content of each file of a data set by its path, without that of the lock."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
