@@ -246,6 +246,10 @@ def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
     return nested
 
 
+MAY_BE_OFF = frozenset({"training.camera"})
+"""Sections that null switches off; of others, an empty one changes nothing."""
+
+
 def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
     """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
     if at == "reliefs." and over.get("pattern", base["pattern"]) != base["pattern"]:
@@ -257,7 +261,9 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
         if key not in base and not is_open:
             guess = _guess(str(key), base) or f"known are {', '.join(base)}"
             raise InputError(f"{source}{at}{shortened(str(key))}: unknown key; {guess}")
-        if not isinstance(base.get(key), dict):
+        if at + str(key) in MAY_BE_OFF and (value is None or base[key] is None):
+            result[key] = value
+        elif not isinstance(base.get(key), dict):
             if isinstance(value, dict) and not is_open:
                 raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
             result[key] = value

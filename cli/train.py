@@ -169,7 +169,8 @@ def _trained(
     from cli.train_config import RESOLVED
     from cli.train_progress import training_observer
     from nets.training.devices import launched
-    from nets.training.fit import Limits, fit
+    from nets.training.fit import fit
+    from nets.training.limits import Limits
     from warp_caustics.io.atomic import write_text
 
     if is_first:

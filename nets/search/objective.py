@@ -15,7 +15,8 @@ from nets.search.signals import StoppedError, check_stopped
 from nets.search.space import suggested
 from nets.training.batch import Batch, Source, Told, silent
 from nets.training.devices import launched
-from nets.training.fit import FINAL_SECONDS, Limits, fit
+from nets.training.fit import fit
+from nets.training.limits import FINAL_SECONDS, Limits
 from nets.training.progress import DivergedError, TrainingProgress
 from nets.training.sources import make_source
 from warp_caustics.errors import InputError, is_out_of_memory

@@ -10,7 +10,6 @@ a GPU the sums of its atomics differ in the last digits).
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from nets.training.checkpoint import has_checkpoint, newest_checkpoint, remove_u
 from nets.training.config import RunConfig
 from nets.training.devices import Stopwatch, autocast
 from nets.training.keys import step_seed
+from nets.training.limits import Limits
 from nets.training.optimisation import WeightAverage, clip_gradients, make_optimiser
 from nets.training.origin import origin
 from nets.training.progress import DivergedError, Observer, StopReason, TrainingProgress, TrainingResult, ahead
@@ -30,29 +30,10 @@ from nets.training.sources import ReplaySource, check_pool, make_source
 from nets.training.state import EarlyStopping, RunState, finite_or_none
 from nets.training.tasks import make_task
 from nets.training.weights import export_weights, load_initial_weights
-from warp_caustics.errors import ResourceError
 from warp_caustics.signals import Restore, answered
 
 AGREE_EVERY_STEPS = 10
 """How often several processes agree on time and on whether to stop."""
-FINAL_SECONDS = 4.0
-"""Kept free at the end of --max-time for the last validation and the files."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When this command stops, whatever is left of the run.
-
-    Attributes:
-        max_steps: optimiser steps of the run, counted from its beginning.
-        deadline: ``time.monotonic()`` at which to stop.
-        max_time_s: time from the first step on; however long that takes, it is made. What comes before it (libraries,
-            kernels, validation images) may take minutes on a busy machine, and would leave weights that know nothing.
-    """
-
-    max_steps: int | None = None
-    deadline: float | None = None
-    max_time_s: float | None = None
 
 
 def fit(
@@ -190,16 +171,10 @@ class _Loop:
 
     def run(self) -> TrainingResult:
         state, first_step = self.state, self.state.step
-        if self.limits.max_time_s is not None:
-            end = time.monotonic() + self.limits.max_time_s
-            ends = [end] if self.limits.deadline is None else [end, self.limits.deadline]
-            self.limits = replace(self.limits, deadline=min(ends))
-        limits = self.limits
-        self.first_step = first_step
+        limits = self.limits = self.limits.counted_from(time.monotonic())
         if state.share is None and limits.deadline is not None and limits.max_steps is None:
-            left_s = limits.deadline - time.monotonic() - FINAL_SECONDS
             # One clock for all processes: rates and the last step follow from it.
-            state.horizon_s = self.fabric.broadcast(state.elapsed_s + max(1.0, left_s))
+            state.horizon_s = self.fabric.broadcast(state.elapsed_s + max(1.0, limits.left_s(time.monotonic())))
         self.before_s, self.start = state.elapsed_s, time.monotonic()
         self.saved_at = self.start
         self.watch.read()
@@ -277,11 +252,12 @@ class _Loop:
         now = time.monotonic()
         if self.world == 1:
             state.elapsed_s = self.before_s + now - self.start
-            is_late, number = self._is_late(now), self.signal
+            is_late, number = limits.is_late(now, state.step > self.first_step), self.signal
         else:
             is_late, number = False, None
             if state.step % AGREE_EVERY_STEPS == 0:
-                told = (self.before_s + now - self.start, self._is_late(now), self.signal)
+                is_late = limits.is_late(now, state.step > self.first_step)
+                told = (self.before_s + now - self.start, is_late, self.signal)
                 state.elapsed_s, is_late, number = self.fabric.broadcast(told)
         if number is not None:
             return "terminated" if number == signal.SIGTERM else "interrupted"
@@ -293,18 +269,12 @@ class _Loop:
             return "max_steps"
         return "max_time" if is_late else None
 
-    def _is_late(self, now: float) -> bool:
-        deadline = self.limits.deadline
-        if self.limits.max_time_s is not None and self.state.step == self.first_step:
-            return False
-        return deadline is not None and now >= deadline - FINAL_SECONDS / 2
-
     # -- now and then -----------------------------------------------------------------------------------------
 
     def _report(self) -> None:
         state = self.state
-        # The only place in the loop that waits for the device.
-        loss = float(state.loss_sum) / max(1, state.loss_count)
+        # The only place in the loop that waits for the device. Each process has seen a part of every batch.
+        loss = float(self.fabric.all_reduce(state.loss_sum, reduce_op="mean")) / max(1, state.loss_count)
         state.loss_sum.zero_()
         state.loss_count = 0
         seconds, share = self.watch.read()

@@ -75,7 +75,8 @@ class RunState:
         processes: how many take each step together, each with a batch of its own.
         horizon_s: length of the run in seconds where the first command's --max-time defined it.
         mean_norm: running mean of the gradients' norms, scalar tensor on the device; 0 before the first.
-        loss_sum: of the steps since the last report, scalar tensor on the device.
+        loss_sum: of this process in the steps since the last report, scalar tensor on the device. Checkpoints hold
+            the first process's: the first report after a resume may differ, nothing that is learned does.
         loss_count: their number.
         best_weights: averaged weights of the best validation, by name; empty before the first.
         best_step: when that was.

@@ -131,6 +131,19 @@ def test_presets_and_configuration_files(tmp_path):
     assert new_run("direct", None, str(file), [], {}).training.learning_rate == 1e-3
 
 
+def test_null_leaves_cameras_out(tmp_path):
+    """Also where a run without them is the configuration of another one; a setting below brings them back."""
+    from cli.config import dump_config
+    from cli.train_config import new_run, resumed_run
+
+    without = new_run("direct", None, None, ["training.camera=null"], {})
+    assert new_run("direct", None, None, [], {}).training.camera is not None and without.training.camera is None
+    (tmp_path / "config.resolved.yaml").write_text(dump_config(without))
+    assert new_run("direct", None, str(tmp_path / "config.resolved.yaml"), [], {}).training.camera is None
+    assert resumed_run(tmp_path, [], {}).training.camera is None
+    assert resumed_run(tmp_path, ["training.camera.blur_px=1"], {}).training.camera.blur_px == 1
+
+
 def started(run, *arguments):
     """A training in a process of its own, from the moment it has a checkpoint."""
     nsfc = Path(sys.executable).with_name("nsfc")
@@ -147,12 +160,16 @@ def started(run, *arguments):
 
 @pytest.mark.slow
 def test_two_processes_do_the_work_of_one(tmp_path):
-    """Half the batch in each of two processes: the same samples, and the same learning but for rounding."""
+    """Half the batch in each of two processes: the same samples, and the same learning but for rounding.
+
+    Rounding grows: with the samples of each batch in another order, one process differs from itself by 2e-6 in losses
+    and 1.5e-6 in errors after 20 steps, two from one by as much.
+    """
     from nets.training.record import read_metrics
 
     off = [f"--set=training.{name}" for name in ("warmup_steps=0", "camera=null")]
     off.append("--set=training.augmentation.symmetries=false")
-    nsfc, errors = Path(sys.executable).with_name("nsfc"), []
+    nsfc, errors, losses = Path(sys.executable).with_name("nsfc"), [], []
     for devices, batch in ((1, 4), (2, 2), (1, 2)):
         run = tmp_path / f"{devices} times {batch}"
         command = [nsfc, "train", "direct", "--fresh", "-o", run, *TINY, *off, "--total-steps", "20"]
@@ -160,7 +177,9 @@ def test_two_processes_do_the_work_of_one(tmp_path):
         done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=200)
         assert done.returncode == 0, done.stderr
         errors.append([float(row["val_rmse_um"]) for row in read_metrics(run) if row["val_rmse_um"]])
-    assert errors[1] == pytest.approx(errors[0], rel=1e-4)
+        losses.append([float(row["loss"]) for row in read_metrics(run) if row["loss"]])
+    assert errors[1] == pytest.approx(errors[0], rel=2e-5)
+    assert losses[1] == pytest.approx(losses[0], rel=2e-5), "what is reported is of both processes"
     assert errors[2] != pytest.approx(errors[0], rel=1e-3), "control: half the samples learn something else"
 
 

@@ -6,7 +6,8 @@ import pytest
 
 import nets.training.fit as fit_module
 from nets.training.config import RunConfig, default_run
-from nets.training.fit import Limits, fit
+from nets.training.fit import fit
+from nets.training.limits import Limits
 from nets.training.progress import TrainingProgress
 
 BACKBONE = {"widths": [8, 16], "depths": [1, 1], "attention_levels": [], "head_channels": 16}

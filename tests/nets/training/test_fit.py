@@ -124,7 +124,7 @@ def clock(monkeypatch):
 
 
 def test_a_deadline_ends_the_command_and_defines_the_run(tiny_run, train, tmp_path, monkeypatch, clock):
-    monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
+    monkeypatch.setattr("nets.training.limits.FINAL_SECONDS", 0.0)
     config = tiny_run("direct", total_steps=None, schedule="cosine", log_every_steps=1)
     result = train(config, tmp_path / "run", deadline=clock.now_s + 3)
     assert result.stop_reason == "finished" and 29 <= result.step <= 31
@@ -133,7 +133,7 @@ def test_a_deadline_ends_the_command_and_defines_the_run(tiny_run, train, tmp_pa
 
 
 def test_a_deadline_leaves_a_run_of_given_length_unfinished(tiny_run, train, tmp_path, monkeypatch, clock):
-    monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
+    monkeypatch.setattr("nets.training.limits.FINAL_SECONDS", 0.0)
     config = tiny_run("direct", total_steps=10**6)
     result = train(config, tmp_path / "run", deadline=clock.now_s + 2)
     assert result.stop_reason == "max_time" and 19 <= result.step <= 21
@@ -141,7 +141,7 @@ def test_a_deadline_leaves_a_run_of_given_length_unfinished(tiny_run, train, tmp
 
 def test_the_time_of_a_command_counts_from_its_first_step(tiny_run, train, tmp_path, monkeypatch, clock):
     """On a busy machine the preparation took longer than the time that was given, and no step was made."""
-    monkeypatch.setattr("nets.training.fit.FINAL_SECONDS", 0.0)
+    monkeypatch.setattr("nets.training.limits.FINAL_SECONDS", 0.0)
     prepare = fit_module._Loop.prepare
 
     def slow(loop, *arguments):

@@ -3,8 +3,9 @@
 import pytest
 import torch
 
-from nets.training.fit import Limits, fit
+from nets.training.fit import fit
 from nets.training.fresh import FreshSource
+from nets.training.limits import Limits
 from nets.training.sources import FixedSource, make_source
 
 CPU = torch.device("cpu")
