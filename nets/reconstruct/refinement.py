@@ -29,12 +29,12 @@ DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 180}
 
 TRUSTED_M = 2e-6
 """Spread of the network's answers [m] at which half a step of the refinement is taken. Bare plate, which the network
-leaves 0.05 um wrong, a descent on an image with 1 % noise moves by 0.6 um."""
+leaves 0.05 um wrong, a descent on an image with 1 % noise moves by 0.6 um (earlier weights)."""
 
 TRUSTED_BESIDE_CAMERA_M = 12e-6
 """The same where a camera was found: what it does beyond a Gaussian blur is bent into the heights. A plate that the
 network had right to 1.9 um was 2.5 um wrong with the spread above and is left as it was with this one, which costs
-plates 9 to 18 um wrong 0.1 um of the 1.5 to 4.5 um that they gain."""
+plates 9 to 18 um wrong 0.1 um of the 1.5 to 4.5 um that they gain (earlier weights)."""
 
 
 LEAST_GAIN_BESIDE_CAMERA = 0.06
