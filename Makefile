@@ -51,7 +51,7 @@ bench: $(STAMP) ## how fast the simulator is on this CPU, with its error
 bench-gpu: $(STAMP) ## the same on a GPU
 	$(BIN)/python -m benchmarks.speed --device cuda --json benchmarks/gpu.json
 
-train-weights: $(STAMP) ## train every network into weights_out/, about 105 minutes on one H200
+train-weights: $(STAMP) ## train every network into weights_out/, two and a quarter hours on H200s
 	NSFC=$(BIN)/nsfc examples/train_weights.sh weights_out
 
 clean: ## remove the environment and everything generated

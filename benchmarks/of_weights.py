@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 EARLIER = "earlier"
 """In place of a hash: the page says that its figures are of earlier weights."""
 
-DIRECT = {"direct": "1de744e3"}
+DIRECT = {"direct": "035b3b3b"}
 NSFC = {"denoiser": "d32ff12e", "updater": "5365d754"}
 ABLATIONS = {**NSFC, "updater-no-denoiser": "83330354", "updater-no-gradient": "e6ed5cbc"}
 OLD = {"direct": EARLIER}

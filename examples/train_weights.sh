@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Trains every network that ships: this project's own, and the paper's with its two ablations.
 #
-#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, about 105 minutes on one H200
+#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, two and a quarter hours on H200s
 #   ONLY="denoiser updater" examples/train_weights.sh OUT    some
 #
 # A run that is there already is continued, a finished one is left alone. Further arguments go to every `nsfc train`.
@@ -10,7 +10,7 @@ out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
 shift
 extra=("$@")
 nsfc=${NSFC:-nsfc}
-only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct-cameras direct}
+only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct-cameras direct-on direct}
 mkdir -p "$out"
 
 # train NAME KIND TIME OPTIONS...
@@ -54,7 +54,7 @@ for name in updater no-denoiser no-gradient; do
 done
 
 # This project's network: from the beginning, then three times from there with other samples, all on perfect images of
-# one kind of print; and last through cameras and on prints that vary, on all GPUs. DEVICES tells how many.
+# one kind of print; and three times more through cameras and on prints that vary, on all GPUs. DEVICES tells how many.
 ours=(--batch-size 64 --precision bf16 --set training.replay.size=12288 --set training.replay.fresh_per_step=32
     --set training.compile=true --set training.patience=null --set training.exported=float16)
 again=("${ours[@]}" --set training.learning_rate=6e-4)
@@ -68,6 +68,8 @@ train direct-fourth direct "${DIRECT_FOURTH_TIME:-500s}" --seed 3 "${again[@]}" 
     --initial-weights "$out/direct-third/weights.safetensors"
 train direct-cameras direct "${DIRECT_CAMERA_TIME:-490s}" --seed 4 --devices "${DEVICES:-1}" "${ours[@]}" \
     --set training.learning_rate=5e-4 --initial-weights "$out/direct-fourth/weights.safetensors"
-train direct direct "${DIRECT_TIME_ON:-1065s}" --seed 6 --devices "${DEVICES:-1}" "${ours[@]}" \
-    --set training.learning_rate=7e-4 --set training.ema_decay=0.9995 \
+on=("${ours[@]}" --set training.learning_rate=7e-4 --set training.ema_decay=0.9995)
+train direct-on direct "${DIRECT_TIME_ON:-1065s}" --seed 6 --devices "${DEVICES:-1}" "${on[@]}" \
     --initial-weights "$out/direct-cameras/weights.safetensors"
+train direct direct "${DIRECT_LAST_TIME:-1050s}" --seed 7 --devices "${DEVICES:-1}" "${on[@]}" \
+    --initial-weights "$out/direct-on/weights.safetensors"

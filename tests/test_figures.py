@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.stored_robustness import DEVELOPMENT_ROWS, OWN_ROWS, row
 from data_gen.testset import fields_config
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 
@@ -26,15 +27,19 @@ def table(text, head):
     return [[cell.strip().replace("*", "") for cell in row.strip("|").split("|")] for row in rows]
 
 
+def without_emphasis(rows):
+    return [[cell.replace("*", "") for cell in cells] for cells in rows]
+
+
 def figures(cell):
     return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
 
 
 def errors(method, device):
     """RMSE of the ten development fields [um], in their order."""
-    cells = [cell for cell in STORED["cells"] if (cell["method"], cell["device"]) == (method, device)]
-    assert sorted(cell["field"] for cell in cells) == list(range(10))
-    return np.array([cell["rmse_um"] for cell in sorted(cells, key=lambda cell: cell["field"])])
+    found = STORED["development"][device]["ideal"][method]["rmse_um"]
+    assert len(found) == 10
+    return np.array(found)
 
 
 ROWS = {
@@ -69,10 +74,10 @@ def test_readme():
     lines = rows["`fibres`, the printed lines themselves"]
     agrees(printed(lines[1]), ROWS["fibres"])
     assert len(rows) == 4
-    times = [cell["time_s"] for cell in STORED["cells"] if cell["method"] == "fibres"]
+    times = STORED["development"][GPU]["ideal"]["fibres"]["time_s"]
     assert [round(min(times)), round(max(times))] == figures(lines[1].split(",")[1])
     assert rows["`direct`, the default"][0].endswith(STORED["times"][CPU]["direct"])
-    assert rows["`direct`, the default"][1].endswith("0.25 s") and STORED["times"][GPU]["direct"] == "250 ms"
+    assert rows["`direct`, the default"][1].endswith("0.26 s") and STORED["times"][GPU]["direct"] == "260 ms"
 
 
 def test_readme_on_cameras():
@@ -81,16 +86,13 @@ def test_readme_on_cameras():
         r"([\d.]+)\.\s",
         page("README.md"),
     )
-    rows = {row[0]: row for row in STORED["printed"]["rows"]}
-    assert text[:2] == tuple(rows[name][2].split(" / ")[0] for name in ("opposite, 0.3 px", "1 px"))
-    agrees([text[2]], ROWS["direct gpu"])
+    conditions = STORED["development"][GPU]
+    for said, condition in zip(text, ("opposite-0.3", "blur-1", "ideal"), strict=True):
+        agrees([said], np.array(conditions[condition]["direct"]["rmse_um"]))
 
 
 def test_plates_as_simulated_are_the_same_everywhere():
     """`direct` on the ten plates on an H200: one stored figure, wherever it is quoted."""
-    (row,) = [row for row in STORED["printed"]["rows"] if row[0] == "as simulated"]
-    agrees(printed(row[1]), ROWS["symmetries"])
-    agrees(printed(row[2]), ROWS["direct gpu"])
     (said,) = re.findall(r"development fields, one H200: ([\d.]+) um", page("docs/training.md"))
     agrees([said], ROWS["direct gpu"])
 
@@ -104,9 +106,28 @@ def test_lines_against_the_network(name):
 
 
 def test_conditions():
-    """The first table of docs/learned.md; only its printed figures were kept."""
-    assert table(page("docs/learned.md"), "| image of the ten plates |") == STORED["printed"]["rows"]
-    assert "only the printed" in STORED["printed"]["about"]
+    """The first table of docs/learned.md, and its table of own fields."""
+    before = STORED["symmetries_before"]
+    conditions = STORED["development"][GPU]
+    rows = [[name, *row(conditions[key], key), before.get(key, "")] for name, key in DEVELOPMENT_ROWS.items()]
+    assert table(page("docs/learned.md"), "| image of the ten plates |") == without_emphasis(rows)
+    own = [[name, *row(STORED["own_fields"][GPU][key], key)] for name, key in OWN_ROWS.items()]
+    text = page("docs/learned.md").split("On 60 own fields")[1]
+    assert table(text, "| image |") == without_emphasis(own)
+
+
+def test_refinements_that_made_a_result_worse():
+    """Of those of own fields; the page says how many there are, and by how much the worst is."""
+    pairs = np.array(
+        [
+            [found["direct"]["rmse_um"], found["direct:refine=false"]["rmse_um"]]
+            for found in STORED["own_fields"][GPU].values()
+        ]
+    )
+    worse = (pairs[:, 0] - pairs[:, 1])[pairs[:, 0] > 1.0005 * pairs[:, 1]]
+    assert len(worse) == 1 and round(float(worse[0]), 1) == 0.3 and pairs[:, 0].size == 240
+    text = " ".join(page("docs/learned.md").split())
+    assert "of the 240 refinements in this table **one made a result worse than the network's answer, by 0.3 um" in text
 
 
 def test_ten_plates():
@@ -129,23 +150,6 @@ def test_ten_plates():
             agrees([text], np.array([value]))
 
 
-def test_own_fields():
-    own = STORED["own_fields"]["conditions"]
-    names = {
-        "as simulated": "ideal",
-        "blur of 1 px": "blur-1",
-        "red and blue 0.3 px from green, opposite": "opposite-0.3",
-    }
-    text = page("docs/learned.md").split("On 60 own fields")[1]
-    rows = {row[0]: row[1:] for row in table(text, "| image |")}
-    for name, condition in names.items():
-        agrees(printed(rows[name][0]), np.array(own[condition]["direct:refine=false"]["rmse_um"]))
-        found = own[condition]["direct"]
-        agrees(printed(rows[name][1]), np.array(found["rmse_um"]))
-        one, two = (round(100 * np.mean(found[share])) for share in ("within_one", "within_two"))
-        assert figures(rows[name][2]) == [one, two]
-
-
 def test_the_ten_are_easier_than_most():
     flat = np.array(STORED["random_fields"]["flat_rmse_um"])
     ten = ROWS["flat guess"]
@@ -166,7 +170,7 @@ def test_uncertainty_covers_what_it_says_on_fields_that_did_not_make_its_factor(
     """Of one, two and three standard uncertainties; errors have longer tails than a normal distribution."""
     (ratios,) = STORED["error_over_spread"]["of"].values()
     covered = [float(np.mean(np.array(ratios) <= k * DIRECT_CALIBRATION.scale)) for k in (1, 2, 3)]
-    np.testing.assert_allclose(covered, [0.683, 0.87, 0.95], atol=0.04)
+    assert 0.6 <= covered[0] <= 0.8 and covered[1] >= 0.87 and covered[2] >= 0.94, covered
     (said,) = re.findall(
         r"lie (\d+), (\d+) and (\d+) % within one, two and three", " ".join(page("docs/learned.md").split())
     )
