@@ -1,6 +1,8 @@
 """``nsfc simulate --camera``: files of a photo, and the way back through ``nsfc capture``."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import yaml
 
 from cli.main import main
 from cli.photo_job import camera_config, shipped_cameras
-from warp_caustics import Scene
+from warp_caustics import CameraConfig, Scene
 from warp_caustics.camera.operator import Camera
 from warp_caustics.io.images import read_image
 
@@ -137,3 +139,12 @@ def test_shipped_cameras_are_three_benches():
     assert set(shipped_cameras()) == {"careful", "ordinary", "poor"}
     psf = [np.mean(camera_config(name).psf_px) for name in ("careful", "ordinary", "poor")]
     assert psf == sorted(psf)
+
+
+def test_the_camera_of_the_page_is_one():
+    """docs/camera.md tells a reader to write it; what it says is what is simulated."""
+    page = (Path(__file__).parents[2] / "docs" / "camera.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```yaml\n(# my_camera.yaml\n.*?)^```$", page, re.M | re.S)
+    config = CameraConfig.model_validate(yaml.safe_load(text))
+    assert config.sensor.exposure == 0.04 and config.frame_px == (900, 820)
+    np.testing.assert_allclose(Camera(config, Scene()).corners_px(), config.corners_px, atol=1e-9)
