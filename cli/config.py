@@ -188,12 +188,16 @@ def dump_config(config: BaseModel) -> str:
     return text
 
 
-def shipped_configs() -> dict[str, Path]:
-    """Configurations that come with the software, by name."""
+def config_folder() -> Path:
+    """Folder of the configurations that come with the software."""
     here = Path(__file__).parent
     # Inside the package when installed from a wheel, beside it in a checkout.
-    folder = next((f for f in (here / "configs", here.parent / "configs") if f.is_dir()), here)
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    return next((f for f in (here / "configs", here.parent / "configs") if f.is_dir()), here)
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Configurations that come with the software, by name."""
+    return {path.stem: path for path in sorted(config_folder().glob("*.yaml"))}
 
 
 def config_path(source: str) -> Path:

@@ -28,6 +28,11 @@ _SAMPLES = "scene.height_samples"
 @click.option("--n-photons", type=integer, help="n_l: light paths per wavelength.")
 @click.option("--smoothing", type=number, help="s: scales the photon footprint.")
 @click.option("--placement", help="Where photons start: lattice, stratified, sobol or random.")
+@click.option(
+    "--camera",
+    metavar="FILE|NAME",
+    help="YAML file of a camera, or careful, ordinary, poor: writes a photo of 16 bits with its dark and flat frames.",
+)
 @click.option("--force", is_flag=True, help="Replace OUTPUT if it exists.")
 @seed_option
 @device_option
@@ -41,6 +46,7 @@ def simulate(
     n_photons: int | None,
     smoothing: float | None,
     placement: str | None,
+    camera: str | None,
     force: bool,
     seed: int | None,
     device: str,
@@ -57,6 +63,7 @@ def simulate(
 
     from cli.config import config_files, load_config
     from cli.output import check_file
+    from cli.photo_job import PhotoJob
     from warp_caustics.errors import InputError
     from warp_caustics.io.images import write_image
     from warp_caustics.prints.relief_file import read_relief
@@ -72,8 +79,12 @@ def simulate(
         config = load_config(None, settings, {**overrides, _SAMPLES: _samples_of(heights)})
     scene = config.scene
     relief = read_relief(heights, scene.height_samples, scene.plate_size_m, "height map")
-    check_file(output, force, [heights, *config_files(config_source)])
-    _check_output(output, config.scene)
+    inputs: list[str | Path] = [heights, *config_files(config_source)]
+    check_file(output, force, inputs)
+    if camera is None:
+        _check_output(output, config.scene)
+    else:
+        photo = PhotoJob.checked(camera, output, scene, inputs, noise=noise, force=force)
 
     import torch
 
@@ -88,14 +99,19 @@ def simulate(
     elapsed_s = time.perf_counter() - start
     budget = energy_budget(simulator, on_device, on_screen)
     check_reaches(budget)
-    if noise > 0:
+    console = Console(as_json)
+    made: dict[str, Any] = {}
+    if camera is not None:
+        made = photo.write(simulator, on_screen, config.simulation.seed)
+        console.warn(*made.pop("warnings"))
+    elif noise > 0:
         flat = np.array(scene.radiosity_W_m2, np.float32)[:, None, None]
         drawn = np.random.default_rng(config.simulation.seed).standard_normal(image.shape, np.float32)
         # A camera does not count below zero.
         image = np.maximum(image + noise * flat * drawn, 0.0)
-    write_image(output, image, wavelengths_m=config.scene.wavelengths_m, pixel_size_m=config.scene.pixel_size_m)
+    if camera is None:
+        write_image(output, image, wavelengths_m=scene.wavelengths_m, pixel_size_m=scene.pixel_size_m)
 
-    console = Console(as_json)
     record: dict[str, Any] = {
         "output": output,
         "time_s": elapsed_s,
@@ -106,8 +122,12 @@ def simulate(
         "energy": budget,
         "settings": simulator.settings(),
         "config_fingerprint": config.fingerprint(),
+        **made,
     }
-    console.line(f"image      {output}, {' x '.join(map(str, image.shape))}")
+    if camera is None:
+        console.line(f"image      {output}, {' x '.join(map(str, image.shape))}")
+    else:
+        console.line(*photo.lines(made))
     console.line(
         f"photons    {simulator.n_photons} per wavelength, {simulator.plan.placement}, s = {simulator.smoothing:g}"
     )

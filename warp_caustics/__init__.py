@@ -9,6 +9,14 @@ from typing import TYPE_CHECKING
 from warp_caustics.front_door import front_door
 
 if TYPE_CHECKING:
+    from warp_caustics.camera.config import CameraConfig as CameraConfig
+    from warp_caustics.camera.config import SensorConfig as SensorConfig
+    from warp_caustics.camera.config import read_camera as read_camera
+    from warp_caustics.camera.exposure import exposed as exposed
+    from warp_caustics.camera.operator import Camera as Camera
+    from warp_caustics.camera.parameters import CameraParameters as CameraParameters
+    from warp_caustics.camera.photographs import Photographs as Photographs
+    from warp_caustics.camera.photographs import photographs as photographs
     from warp_caustics.design.designer import Designer as Designer
     from warp_caustics.errors import CausticsError as CausticsError
     from warp_caustics.errors import DamagedDataError as DamagedDataError
@@ -32,6 +40,9 @@ if TYPE_CHECKING:
     from warp_caustics.simulator import CausticSimulator as CausticSimulator
 
 _HOMES = {
+    "Camera": "warp_caustics.camera.operator",
+    "CameraConfig": "warp_caustics.camera.config",
+    "CameraParameters": "warp_caustics.camera.parameters",
     "CausticImage": "warp_caustics.reconstruct.base",
     "CausticSimulator": "warp_caustics.simulator",
     "CausticsError": "warp_caustics.errors",
@@ -41,12 +52,17 @@ _HOMES = {
     "Line": "warp_caustics.prints.line",
     "MismatchError": "warp_caustics.errors",
     "Nominal": "warp_caustics.inspection.nominal",
+    "Photographs": "warp_caustics.camera.photographs",
     "Reconstruction": "warp_caustics.reconstruct.base",
     "ResourceError": "warp_caustics.errors",
     "Scene": "warp_caustics.scene",
+    "SensorConfig": "warp_caustics.camera.config",
+    "exposed": "warp_caustics.camera.exposure",
     "height_errors": "warp_caustics.metrics",
     "judge_plate": "warp_caustics.inspection.judge",
     "line_relief": "warp_caustics.prints.line",
+    "photographs": "warp_caustics.camera.photographs",
+    "read_camera": "warp_caustics.camera.config",
     "read_heights": "warp_caustics.io.heights",
     "read_image": "warp_caustics.io.images",
     "read_lines": "warp_caustics.prints.line_list",

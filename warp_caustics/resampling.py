@@ -21,16 +21,20 @@ FREQUENCIES = 256
 """At which the transfer function of a blur is sampled."""
 
 
-def gaussian_kernel(blur: torch.Tensor, reach: int) -> torch.Tensor:
+def gaussian_kernel(blur: torch.Tensor, reach: int, box: torch.Tensor | None = None) -> torch.Tensor:
     """Gaussian on the pixel grid from -reach to reach, shape [..., 2 reach + 1], of the type of ``blur``; sums to 1.
 
     Args:
         blur: standard deviation [px], any shape [...].
         reach: where it is cut [px].
+        box: width of a square that it is convolved with [px], shape [...]; None for none.
     """
     omega = (torch.arange(FREQUENCIES, device=blur.device) + 0.5).to(blur.dtype) * (math.pi / FREQUENCIES)
     offset = torch.arange(-reach, reach + 1, device=blur.device)
-    kernel = torch.exp(-0.5 * (blur[..., None] * omega) ** 2) @ torch.cos(omega[:, None] * offset) / FREQUENCIES
+    transfer = torch.exp(-0.5 * (blur[..., None] * omega) ** 2)
+    if box is not None:
+        transfer = transfer * torch.sinc(box[..., None] * omega / (2 * math.pi))
+    kernel = transfer @ torch.cos(omega[:, None] * offset) / FREQUENCIES
     return kernel / kernel.sum(dim=-1, keepdim=True)
 
 
@@ -101,12 +105,22 @@ def blur_matrix(pixels: int, blur: float) -> torch.Tensor:
     """
     if blur == 0:
         return torch.eye(pixels, dtype=torch.float64)
-    reach = blur_reach(blur)
-    kernel = gaussian_kernel(torch.tensor(blur, dtype=torch.float64), reach)
-    column = torch.remainder(torch.arange(pixels)[:, None] + torch.arange(-reach, reach + 1), 2 * pixels)
-    column = torch.minimum(column, 2 * pixels - 1 - column)
-    matrix = torch.zeros(pixels, pixels, dtype=torch.float64)
-    return matrix.scatter_add_(1, column, kernel.expand(pixels, -1))
+    return mirrored_rows(gaussian_kernel(torch.tensor(blur, dtype=torch.float64), blur_reach(blur)), pixels)
+
+
+def mirrored_rows(kernel: torch.Tensor, pixels: int) -> torch.Tensor:
+    """Matrix that convolves along one axis, mirrored at the border, shape [..., m, m].
+
+    Args:
+        kernel: from -reach to reach, shape [..., 2 reach + 1]; a symmetric one gives a symmetric matrix.
+        pixels: m.
+    """
+    reach = kernel.shape[-1] // 2
+    offset = torch.arange(-reach, reach + 1, device=kernel.device)
+    column = torch.remainder(torch.arange(pixels, device=kernel.device)[:, None] + offset, 2 * pixels)
+    column = torch.minimum(column, 2 * pixels - 1 - column).expand(*kernel.shape[:-1], -1, -1)
+    matrix = kernel.new_zeros(*kernel.shape[:-1], pixels, pixels)
+    return matrix.scatter_add(-1, column, kernel[..., None, :].expand(column.shape))
 
 
 def blur_matrices(pixels: int, blur: npt.NDArray[np.floating], device: torch.device | str) -> torch.Tensor:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import torch
 
 from nets.training.config import LARGEST_BLUR_PX, CameraConfig
+from warp_caustics.camera.radiometry import mixed, uneven_light
 from warp_caustics.resampling import blur_reach, resampled
 
 DARKEST = 1e-3
@@ -110,18 +111,8 @@ def seen(images: torch.Tensor, flat: torch.Tensor, camera: Camera, generator: to
     """
     relative = resampled(images, camera.shift, camera.scale, camera.blur, REACH) / flat
     relative = relative * uneven_light(camera.light, images.shape[-1]) + camera.ambient[:, :, None, None]
-    signal = torch.einsum("bij,bjyx->biyx", camera.mixing, relative)
+    signal = mixed(relative, camera.mixing)
     return flat * (signal + _noise(signal, camera, generator))
-
-
-def uneven_light(coefficients: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Light relative to even light, mean 1; shape [B, n_w, m, m] of coefficients [B, n_w, 5]."""
-    along = (torch.arange(pixels, device=coefficients.device) + 0.5) * (2 / pixels) - 1
-    square = along**2 - (along**2).mean()
-    x, y = along[None, :], along[:, None]
-    one = torch.ones_like(along)
-    basis = torch.stack((x * one[:, None], y * one, square * one[:, None], x * y, square[:, None] * one))  # [5, m, m]
-    return 1 + torch.einsum("bck,kyx->bcyx", coefficients, basis)
 
 
 def noisy(images: torch.Tensor, flat: torch.Tensor, noise: float, generator: torch.Generator) -> torch.Tensor:

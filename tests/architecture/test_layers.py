@@ -23,7 +23,7 @@ LAYERS = {
         "materials height_field metrics resampling cuda_graph",
         "scene",
         "io kernels presets",
-        "photons chunked",
+        "photons chunked camera",
         "optics prints",
         "fused",
         "engine",

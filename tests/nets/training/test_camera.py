@@ -6,7 +6,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
-from nets.training.camera import Camera, draw_cameras, noisy, seen, uneven_light
+from nets.training.camera import Camera, draw_cameras, noisy, seen
 from nets.training.config import CameraConfig
 from nets.training.imaging import Imager
 from nets.training.keys import step_generator
@@ -33,11 +33,6 @@ def test_a_camera_without_effects_changes_nothing():
     images = caustics()
     cameras = draw_cameras(CameraConfig(**NONE), 2, 3, rng())
     assert (seen(images, FLAT, cameras, rng()) - images).abs().max() < 1e-6 * images.max()
-
-
-def test_uneven_light_is_one_in_the_mean():
-    light = uneven_light(0.05 * (2 * torch.rand(4, 3, 5, generator=rng()) - 1), 64)
-    assert (light.mean(dim=(2, 3)) - 1).abs().max() < 1e-5 and light.std() > 0.01
 
 
 def test_each_range_is_reached_and_kept():

@@ -1,0 +1,106 @@
+"""``nsfc simulate --camera``: a photo with its dark and flat frames instead of an image of irradiance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cli.config import config_folder
+from warp_caustics.camera.config import CameraConfig, read_camera
+from warp_caustics.camera.files import photograph_files, write_photographs
+from warp_caustics.camera.operator import Camera
+from warp_caustics.camera.photographs import photographs
+from warp_caustics.errors import InputError, known_names
+
+if TYPE_CHECKING:
+    import torch
+
+    from warp_caustics.scene import Scene
+    from warp_caustics.simulator import CausticSimulator
+
+SATURATED = 0.01
+"""Share of saturated pixels that is worth a warning; ``nsfc capture`` warns from there on, too."""
+
+
+def shipped_cameras() -> dict[str, Path]:
+    """Cameras that come with the software, by name."""
+    return {path.stem: path for path in sorted((config_folder() / "cameras").glob("*.yaml"))}
+
+
+def camera_config(source: str) -> CameraConfig:
+    """Camera of a --camera value: a bare name means a shipped one, anything else a file.
+
+    Raises:
+        InputError: neither, or a camera that is none.
+    """
+    if "/" in source or "." in source:
+        return read_camera(source)
+    shipped = shipped_cameras()
+    if source not in shipped:
+        raise InputError(
+            f"camera {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
+        )
+    return read_camera(shipped[source])
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoJob:
+    """A photo that can be taken, all of it checked.
+
+    Attributes:
+        config: the camera.
+        scene: what it looks at.
+        files: where frames go.
+    """
+
+    config: CameraConfig
+    scene: "Scene"
+    files: Mapping[str, Path]
+
+    @classmethod
+    def checked(
+        cls, source: str, output: str, scene: "Scene", inputs: Sequence[Any], *, noise: float, force: bool
+    ) -> "PhotoJob":
+        """Refuse a camera or an output that cannot be used before the simulation instead of after it."""
+        from cli.output import check_file
+
+        if noise > 0:
+            raise InputError(
+                f"--noise {noise:g} and --camera exclude each other; the camera's sensor has its own noise"
+            )
+        config = camera_config(source)
+        if "/" in source or "." in source:
+            inputs = [*inputs, source]
+        files = photograph_files(output, Camera(config, scene))
+        if not files["photo"].parent.is_dir():
+            raise InputError(f"folder {str(files['photo'].parent)!r} does not exist; create it first")
+        for kind, file in files.items():
+            check_file(file, force, inputs, "output" if kind == "photo" else f"{kind} file")
+        return cls(config, scene, files)
+
+    def write(self, simulator: "CausticSimulator", image: "torch.Tensor", seed: int) -> dict[str, Any]:
+        """Take the photo and write all files; returns what to put on record, and ``warnings``."""
+        import torch
+
+        flat = simulator(torch.zeros(2 * (self.scene.height_samples,), dtype=image.dtype, device=image.device))
+        camera = Camera(self.config, self.scene, device=image.device, dtype=image.dtype)
+        frames = photographs(camera, image, flat, seed)
+        write_photographs(self.files, frames, camera)
+        return {
+            "files": {kind: str(file) for kind, file in self.files.items()},
+            "camera": self.config.model_dump(mode="json"),
+            "photo_shape": list(frames.photo.shape),
+            "saturated_fraction": frames.saturated,
+            "warnings": [
+                f"channel {channel}: {share:.1%} of the photo is saturated (limit {SATURATED:.0%}); lower "
+                f"sensor.exposure from {self.config.sensor.exposure:g}"
+                for channel, share in enumerate(frames.saturated)
+                if share > SATURATED
+            ],
+        }
+
+    def lines(self, made: Mapping[str, Any]) -> list[str]:
+        """What was written, for people."""
+        shape = " x ".join(map(str, made["photo_shape"]))
+        named = [f"{kind:<10} {file}" for kind, file in made["files"].items() if kind != "photo"]
+        return [f"photo      {made['files']['photo']}, {shape}, 16 bits", *named]
