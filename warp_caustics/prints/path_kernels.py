@@ -12,11 +12,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.prints.kernels import cell_point, section_height, segment_gap
-
-SEGMENT, RING, JOINED, BEGIN = 0.0, 1.0, 2.0, 3.0
-"""Kinds of a row: a segment that begins a line; a ring; a segment that goes on where the row before ended, its width
-and height going linearly from those of the row before to its own; and a line's first width and height, which print
-nothing themselves."""
+from warp_caustics.prints.rows import BEGIN, JOINED, RING
 
 BLOCK = 8
 """Rows of one box."""
@@ -57,10 +53,10 @@ def path_section_height(
 
 
 @cache
-def path_kernel(supersampling: int) -> Any:
-    """Kernel ``print_paths`` of a supersampling; a thread keeps twice supersampling^2 heights."""
+def path_kernel(supersampling: int, has_chains: bool) -> Any:
+    """Kernel ``print_paths``; joined rows, and lines that merge, need ``has_chains``, and memory for a cell's points."""
     points = supersampling * supersampling
-    heights_type = wp.types.vector(length=points, dtype=wp.float32)
+    heights_type = wp.types.vector(length=points if has_chains else 1, dtype=wp.float32)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -83,6 +79,7 @@ def path_kernel(supersampling: int) -> Any:
         merging = traits[b, 3]
         takes_highest = merging > 1.0e6
         centre = cell_point(i, j, -1, wp.static(supersampling), pitch, samples)
+        total = wp.float32(0.0)
         # Of finished lines, and of the one that is being printed; powers of heights in millimetres where lines merge.
         sums = heights_type()
         line = heights_type()
@@ -94,11 +91,12 @@ def path_kernel(supersampling: int) -> Any:
                 or centre[1] + 0.5 * pitch_y < boxes[b, block, 1]
                 or centre[1] - 0.5 * pitch_y > boxes[b, block, 3]
             ):
-                # The line before may end in here; what begins in here does not reach this cell within the block.
-                if is_open and boxes[b, block, 4] > 0.5 and not takes_highest:
-                    sums = sums + line
-                    line = heights_type()
-                    is_open = False
+                if wp.static(has_chains):
+                    # The line before may end in here; what begins in here does not reach this cell within the block.
+                    if is_open and boxes[b, block, 4] > 0.5 and not takes_highest:
+                        sums = sums + line
+                        line = heights_type()
+                        is_open = False
             else:
                 for k in range(wp.static(BLOCK) * block, wp.min(wp.static(BLOCK) * (block + 1), rows.shape[1])):
                     row_kind = rows[b, k, 0]
@@ -106,14 +104,15 @@ def path_kernel(supersampling: int) -> Any:
                     end_height = rows[b, k, 6]
                     width = end_width
                     height = end_height
-                    if row_kind == wp.static(JOINED):
-                        before = wp.max(k - 1, 0)
-                        width = rows[b, before, 5]
-                        height = rows[b, before, 6]
-                    elif is_open and not takes_highest:
-                        sums = sums + line
-                        line = heights_type()
-                        is_open = False
+                    if wp.static(has_chains):
+                        if row_kind == wp.static(JOINED):
+                            before = wp.max(k - 1, 0)
+                            width = rows[b, before, 5]
+                            height = rows[b, before, 6]
+                        elif is_open and not takes_highest:
+                            sums = sums + line
+                            line = heights_type()
+                            is_open = False
                     if row_kind != wp.static(BEGIN) and (height > 0.0 or end_height > 0.0):
                         is_ring = row_kind == wp.static(RING)
                         start = wp.vec2(rows[b, k, 1], rows[b, k, 2])
@@ -141,16 +140,19 @@ def path_kernel(supersampling: int) -> Any:
                                 if distance < 0.5 * ends * wide:
                                     crown = height + nearest * (end_height - height)
                                     found = crown * path_section_height(kind, parameter, ends, distance, wide)
-                                    if merging > 1.0 and not takes_highest:
-                                        # Powers grow with heights: the highest piece is still the highest.
-                                        found = wp.pow(1000.0 * found, merging)
-                                    line[sub] = wp.max(line[sub], found)
-        total = wp.float32(0.0)
-        for sub in range(wp.static(points)):
-            added = sums[sub] + line[sub]
-            if merging > 1.0 and not takes_highest:
-                added = 0.001 * wp.pow(added, 1.0 / merging)
-            total += added
+                                    if wp.static(has_chains):
+                                        if merging > 1.0 and not takes_highest:
+                                            # Powers grow with heights: the highest piece is still the highest.
+                                            found = wp.pow(1000.0 * found, merging)
+                                        line[sub] = wp.max(line[sub], found)
+                                    else:
+                                        total += found
+        if wp.static(has_chains):
+            for sub in range(wp.static(points)):
+                added = sums[sub] + line[sub]
+                if merging > 1.0 and not takes_highest:
+                    added = 0.001 * wp.pow(added, 1.0 / merging)
+                total += added
         x = centre[0]
         y = centre[1]
         bow = traits[b, 4] * x * x + traits[b, 5] * x * y + traits[b, 6] * y * y

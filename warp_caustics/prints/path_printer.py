@@ -1,39 +1,19 @@
 """Batches of printed lines of any shape, on any device: rows to heights, with :mod:`warp_caustics.prints.paths` beside.
 
-A row is a piece of a printed line (ROW_COLUMNS) [m], see the kinds in :mod:`warp_caustics.prints.path_kernels`.
+A row is a piece of a printed line (:mod:`warp_caustics.prints.rows`) [m].
 """
 
-import numpy as np
 import torch
 import warp as wp
 
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.errors import InputError
 from warp_caustics.kernels.runtime import start_warp
-from warp_caustics.prints.path_kernels import BEGIN, BLOCK, JOINED, PATH_TRAIT_COLUMNS, RING, SEGMENT, path_kernel
-from warp_caustics.prints.paths import PrintedPath
+from warp_caustics.prints.path_kernels import BLOCK, PATH_TRAIT_COLUMNS, path_kernel
+from warp_caustics.prints.rows import BEGIN, JOINED, RING, ROW_COLUMNS
 from warp_caustics.scene import Scene
-from warp_caustics.types import FloatArray
 
-ROW_COLUMNS = ("kind", "x0_m", "y0_m", "x1_m", "y1_m", "width_m", "height_m")
-"""Of a ring: centre (x0, y0), radius x1."""
 _REACH = PATH_TRAIT_COLUMNS.index("reach")
-
-
-def rows_of_path(path: PrintedPath) -> FloatArray:
-    """Rows of a path, shape [pieces, 7] (ROW_COLUMNS); its section is not in them."""
-    points, widths, heights = path.points_m, path.widths_m, path.heights_m
-    pieces = max(1, len(points) - 1)
-    rows = np.zeros((pieces, len(ROW_COLUMNS)))
-    rows[:, 0] = [SEGMENT] + [JOINED] * (pieces - 1)
-    rows[:, 1:3], rows[:, 3:5] = points[:pieces], points[-pieces:]
-    rows[:, 5], rows[:, 6] = widths[-pieces:], heights[-pieces:]
-    if widths[0] == rows[0, 5] and heights[0] == rows[0, 6]:
-        return rows
-    # A row has one width and height, those of its end: the first point gets a row of its own.
-    rows[0, 0] = JOINED
-    first = np.array([[BEGIN, *points[0], *points[0], widths[0], heights[0]]])
-    return np.concatenate([first, rows])
 
 
 def block_boxes(rows: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
@@ -68,7 +48,9 @@ def block_boxes(rows: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
     return torch.cat([blocks(low, torch.inf).amin(dim=2), blocks(high, -torch.inf).amax(dim=2), begins], dim=2)
 
 
-def print_paths(rows: torch.Tensor, scene: Scene, traits: torch.Tensor, supersampling: int = 4) -> torch.Tensor:
+def print_paths(
+    rows: torch.Tensor, scene: Scene, traits: torch.Tensor, supersampling: int = 4, *, has_chains: bool = True
+) -> torch.Tensor:
     """Reliefs of printed lines of any shape.
 
     Args:
@@ -76,6 +58,7 @@ def print_paths(rows: torch.Tensor, scene: Scene, traits: torch.Tensor, supersam
         scene: gives plate size and number of height samples n.
         traits: of each relief, shape [B, 11] (PATH_TRAIT_COLUMNS), float32.
         supersampling: a sample is the mean of supersampling^2 points of its cell.
+        has_chains: rows may be joined, lines may merge; without either the kernel is that much faster.
 
     Returns:
         Heights above the base [m], shape [B, n, n], float32, on the rows' device.
@@ -95,7 +78,7 @@ def print_paths(rows: torch.Tensor, scene: Scene, traits: torch.Tensor, supersam
     boxes = block_boxes(rows, traits[:, _REACH]).contiguous()
     with warp_stream(device):
         wp.launch(
-            path_kernel(supersampling),
+            path_kernel(supersampling, has_chains),
             dim=heights.shape,
             inputs=[warp_array(rows), warp_array(boxes), warp_array(traits), *scene.sample_pitch_m, n],
             outputs=[warp_array(heights)],
