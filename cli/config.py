@@ -17,6 +17,8 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
+from data_gen.making import Making
+from data_gen.variety import PrintVariety
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
 from warp_caustics.errors import InputError, known_names, shortened
 from warp_caustics.io.atomic import regular_file
@@ -120,7 +122,11 @@ class Config(Strict):
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
-        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+        tree = self.model_dump(mode="json")
+        # Configurations from before prints could be made otherwise keep their hash.
+        if tree["reliefs"]["making"] is None:
+            del tree["reliefs"]["making"]
+        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
 def dataset_config(config: Config, **values: Any) -> DatasetConfig:
@@ -246,6 +252,10 @@ def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
     return nested
 
 
+_OPTIONAL: dict[str, type[Strict]] = {"variety": PrintVariety, "making": Making}
+"""Sections of ``reliefs`` that are null where they are off."""
+
+
 def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
     """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
     if at == "reliefs." and over.get("pattern", base["pattern"]) != base["pattern"]:
@@ -254,6 +264,12 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
     # Options belong to a method, which alone knows their names.
     is_open = at.startswith("reconstruction.options.")
     for key, value in over.items():
+        if at == "reliefs." and key in _OPTIONAL and value is None:
+            result[key] = None
+            continue
+        if at == "reliefs." and key in _OPTIONAL and base[key] is None and isinstance(value, dict):
+            # A section that is off is switched on by any of its keys.
+            base = {**base, key: _OPTIONAL[key]().model_dump(mode="json")}
         if key not in base and not is_open:
             guess = _guess(str(key), base) or f"known are {', '.join(base)}"
             raise InputError(f"{source}{at}{shortened(str(key))}: unknown key; {guess}")
