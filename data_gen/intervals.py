@@ -10,7 +10,7 @@ from warp_caustics.prints.sections import LEAST_CONTACT_ANGLE_RAD, RIGHT_ANGLE
 from warp_caustics.strict import Finite
 
 MAX_LENGTH_M = 1.0
-MOST_WAVINESS = 0.9
+MOST_CHANGE = 0.9
 """A line that is thinner than a tenth of itself somewhere is no line."""
 
 
@@ -35,9 +35,12 @@ def _check_amount(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _check_waviness(value: tuple[float, float]) -> tuple[float, float]:
-    if value[1] > MOST_WAVINESS:
-        raise ValueError(f"upper end {value[1]:g} is above {MOST_WAVINESS:g} of the line; give for example 0.04")
+def _check_share(value: tuple[float, float]) -> tuple[float, float]:
+    low, high = value
+    if not 0 <= low <= high <= MOST_CHANGE:
+        raise ValueError(
+            f"({low:g}, {high:g}) of the line; give 0 <= lowest <= highest <= {MOST_CHANGE:g}, for example (0, 0.04)"
+        )
     return value
 
 
@@ -54,8 +57,8 @@ def _check_contact_angles(value: tuple[float, float]) -> tuple[float, float]:
         raise ValueError(f"lower end {low:g} is above upper end {high:g}; swap them")
     if high > RIGHT_ANGLE:
         raise ValueError(
-            f"contact angle {high:g} rad, {math.degrees(high):.4g} degrees, is above 90: such lines overhang and are no "
-            f"height fields; give at most {math.floor(RIGHT_ANGLE * 1e4) / 1e4}"
+            f"contact angle {high:g} rad, {math.degrees(high):.4g} degrees, is above 90: such lines overhang and are "
+            f"no height fields; give at most {math.floor(RIGHT_ANGLE * 1e4) / 1e4}"
         )
     if low < LEAST_CONTACT_ANGLE_RAD:
         raise ValueError(f"contact angle {low:g} rad; give at least {LEAST_CONTACT_ANGLE_RAD:.2g}")
@@ -78,7 +81,7 @@ def _check_some(value: tuple[int, int]) -> tuple[int, int]:
 Interval = Annotated[tuple[Finite, Finite], AfterValidator(_check_interval)]
 PositiveInterval = Annotated[Interval, AfterValidator(_check_positive)]
 AmountInterval = Annotated[Interval, AfterValidator(_check_amount)]
-WavinessInterval = Annotated[AmountInterval, AfterValidator(_check_waviness)]
+ShareInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_share)]
 AngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_angles)]
 ContactAngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_contact_angles)]
 CountInterval = Annotated[tuple[int, int], AfterValidator(_check_count)]

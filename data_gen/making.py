@@ -1,5 +1,6 @@
-"""Prints as a machine makes them: glass laid down by the fibre, rounded caps, passes, waves, thick ends, a base that
-is not flat. Drawn per relief, number of passes and phases per line.
+"""Prints as a machine makes them: the fibre's glass, rounded caps, passes, waves, thick ends, a base that is not flat.
+
+Drawn per relief; the number of passes and the phases of waves per line.
 
 Off by default: a pattern without it draws and prints as before, to the bit.
 """
@@ -14,8 +15,8 @@ from data_gen.intervals import (
     AmountInterval,
     ContactAngleInterval,
     PositiveInterval,
+    ShareInterval,
     SomeInterval,
-    WavinessInterval,
 )
 from data_gen.variety import Exponent, Merging, PrintTraits, Reach, bow_of
 from warp_caustics.prints.chains import chains_of_rows, rows_of
@@ -58,13 +59,13 @@ class Making(Strict):
     """Lines on top of each other: sum, max (the highest), or merge, (sum of h^p)^(1/p)."""
     merging: tuple[Merging, Merging] = (2.0, 12.0)
     """p of merge, its logarithm uniform."""
-    waviness: WavinessInterval = (0.0, 0.0)
+    waviness: ShareInterval = (0.0, 0.0)
     """Largest change of width and height along a line, relative."""
     sideways_m: AmountInterval = (0.0, 0.0)
     """Largest distance of a line from where it should be, in waves along it [m]."""
     wavelength_m: PositiveInterval = (2e-3, 1e-2)
     """Of both [m]."""
-    end_thickness: WavinessInterval = (0.0, 0.0)
+    end_thickness: ShareInterval = (0.0, 0.0)
     """More width and height at the ends of a line, relative."""
     end_length_m: PositiveInterval = (5e-4, 2e-3)
     """Over which that falls to 1/e [m]."""
@@ -80,9 +81,7 @@ class Making(Strict):
         for name in ("exponent", "reach", "merging"):
             interval = getattr(self, name)
             if interval is not None and interval[0] > interval[1]:
-                raise ValueError(
-                    f"{name}: lower end {interval[0]:g} is above upper end {interval[1]:g}; swap them"
-                )
+                raise ValueError(f"{name}: lower end {interval[0]:g} is above upper end {interval[1]:g}; swap them")
         if self.passes[1] > MOST_PASSES:
             raise ValueError(f"passes: {self.passes[1]} is above {MOST_PASSES}; lower it")
         for name in ("wavelength_m", "end_length_m"):
@@ -217,10 +216,7 @@ def made_strokes(strokes: FloatArray, making: Making, made: MadePrint, rng: np.r
         return strokes
     chains, whole = chains_of_rows(strokes), np.ones(count)
     if made.waviness > 0 or made.sideways_m > 0:
-        chains = wavy(
-            chains, made.waviness * whole, made.sideways_m * whole, made.wavelength_m * whole, phases
-        )
+        chains = wavy(chains, made.waviness * whole, made.sideways_m * whole, made.wavelength_m * whole, phases)
     if made.end_thickness > 0:
         chains = thick_ends(chains, made.end_thickness * whole, made.end_length_m * whole)
     return rows_of(chains)
-

@@ -82,7 +82,9 @@ def print_strokes(
     if traits is None:
         traits = torch.tensor(row, dtype=torch.float32).expand(len(strokes), -1)
     if traits.shape != (len(strokes), len(columns)) or traits.dtype != torch.float32:
-        raise InputError(f"traits are {traits.dtype} {list(traits.shape)}; give float32 [{len(strokes)}, {len(columns)}]")
+        raise InputError(
+            f"traits are {traits.dtype} {list(traits.shape)}; give float32 [{len(strokes)}, {len(columns)}]"
+        )
     if not pattern.is_plain:
         return print_paths(strokes, scene, traits, pattern.supersampling, has_chains=pattern.has_chains)
     can_merge = pattern.variety is not None and pattern.variety.merging_share > 0

@@ -233,7 +233,9 @@ class UpdaterSampler:
     def draw(self, ids: Sequence[int]) -> SampleBatch:
         tensors, counters = self.draw_tensors(ids)
         light = _light_counters(tensors["target"], self.config.scene)
-        return SampleBatch(tuple(ids), _stored(tensors, self.fields), {**counters, **self.reliefs.records(ids), **light})
+        return SampleBatch(
+            tuple(ids), _stored(tensors, self.fields), {**counters, **self.reliefs.records(ids), **light}
+        )
 
 
 def make_sampler(config: DatasetConfig, device: str, denoiser: Denoiser | None = None) -> Sampler:

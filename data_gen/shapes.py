@@ -57,7 +57,7 @@ def _meanders(config: MeandersConfig, rng: np.random.Generator) -> FloatArray:
         length, spacing, angle = (
             float(rng.uniform(*interval)) for interval in (config.length_m, config.spacing_m, config.angle_rad)
         )
-        lines.append(meander_points(centre, length, spacing, rows, angle))
+        lines.append(meander_points(centre.tolist(), length, spacing, rows, angle))
     return _strokes(lines, *drawn_sizes(config, rng, len(lines)))
 
 

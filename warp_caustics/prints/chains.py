@@ -5,6 +5,7 @@ Arrays hold the points of all lines one after another, so that a print of hundre
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -32,18 +33,19 @@ class Chains:
     heights_m: FloatArray
     first: IntArray
 
-    @property
+    @cached_property
     def line(self) -> IntArray:
         """Number of each point's line, shape [N]."""
         numbers = np.zeros(len(self.points_m), dtype=np.intp)
         numbers[self.first[1:]] = 1
         return np.cumsum(numbers)
 
-    @property
+    @cached_property
     def last(self) -> IntArray:
         """Index of each line's last point, shape [K]."""
         return np.append(self.first[1:], len(self.points_m)) - 1
 
+    @cached_property
     def arc_m(self) -> FloatArray:
         """Way from the line's first point [m], shape [N]."""
         steps = np.zeros(len(self.points_m))
@@ -52,10 +54,12 @@ class Chains:
         total = np.cumsum(steps)
         return np.asarray(total - total[self.first][self.line])
 
+    @cached_property
     def lengths_m(self) -> FloatArray:
         """Length of each line [m], shape [K]."""
-        return self.arc_m()[self.last]
+        return self.arc_m[self.last]
 
+    @cached_property
     def closed(self) -> npt.NDArray[np.bool_]:
         """Which lines end where they begin, shape [K]; drops do not."""
         is_same = (self.points_m[self.first] == self.points_m[self.last]).all(axis=1)
@@ -77,32 +81,19 @@ def chains_of(
 
 def chains_of_rows(rows: FloatArray) -> Chains:
     """Rows, shape [L, 7] (ROW_COLUMNS) [m], as lines along points; rings become closed lines."""
-    points, widths, heights, counts = [], [], [], []
-    kinds = rows[:, 0]
-    begins = np.flatnonzero(kinds != JOINED)
-    for start, stop in zip(begins, np.append(begins[1:], len(rows)), strict=True):
-        own = rows[start:stop]
-        if own[0, 0] == RING:
-            along = ring_points((own[0, 1], own[0, 2]), own[0, 3])
-            wide, high = np.full(len(along), own[0, 5]), np.full(len(along), own[0, 6])
-        else:
-            # A segment brings its start with its own width and height, a beginning row is nothing but that.
-            skip = 1 if own[0, 0] == BEGIN else 0
-            along = np.concatenate([own[:1, 1:3], own[skip:, 3:5]])
-            wide, high = (np.concatenate([own[:1, column], own[skip:, column]]) for column in (5, 6))
-            if len(along) == 2 and (along[0] == along[1]).all():
-                along, wide, high = along[:1], wide[:1], high[:1]
-        points.append(along)
-        widths.append(wide)
-        heights.append(high)
-        counts.append(len(along))
-    numbers = np.array(counts, dtype=np.intp)
-    return Chains(
-        np.concatenate([np.zeros((0, 2)), *points]),
-        np.concatenate([np.zeros(0), *widths]),
-        np.concatenate([np.zeros(0), *heights]),
-        np.cumsum(numbers) - numbers,
-    )
+    is_ring = rows[:, 0] == RING
+    # A segment brings its start with its own width and height; a beginning row, and a drop, are one point.
+    is_point = (rows[:, 0] == BEGIN) | ((rows[:, 0] == SEGMENT) & (rows[:, 1:3] == rows[:, 3:5]).all(axis=1))
+    rings = [ring_points((x, y), radius) for x, y, radius in rows[is_ring, 1:4].tolist()]
+    counts = np.where((rows[:, 0] == JOINED) | is_point, 1, 2)
+    counts[is_ring] = [len(ring) for ring in rings]
+    row = np.repeat(np.arange(len(rows)), counts)
+    begins = np.cumsum(counts) - counts
+    points = rows[row, 3:5]
+    starts = (rows[:, 0] == SEGMENT) & ~is_point
+    points[begins[starts]] = rows[starts, 1:3]
+    points[is_ring[row]] = np.concatenate([np.zeros((0, 2)), *rings])
+    return Chains(points, rows[row, 5], rows[row, 6], begins[rows[:, 0] != JOINED])
 
 
 def rows_of(chains: Chains) -> FloatArray:
@@ -124,16 +115,16 @@ def with_points(chains: Chains, lines: IntArray, arcs_m: FloatArray) -> Chains:
         lines: numbers of lines, shape [M].
         arcs_m: ways from their first points [m], shape [M], within the lines' lengths.
     """
-    own, arc = chains.line, chains.arc_m()
+    own, arc = chains.line, chains.arc_m
     # One coordinate for all lines, one after another, so that one interpolation serves all.
-    ends = chains.lengths_m() + 1e-3
+    ends = chains.lengths_m + 1e-3
     offsets = np.cumsum(ends) - ends
     places = offsets[own] + arc
     every = np.unique(np.concatenate([places, offsets[lines] + arcs_m]))
     line = np.searchsorted(offsets, every, side="right") - 1
 
     def between(values: FloatArray) -> FloatArray:
-        return np.interp(every, places, values)
+        return np.asarray(np.interp(every, places, values))
 
     points = np.stack([between(chains.points_m[:, 0]), between(chains.points_m[:, 1])], axis=1)
     first = np.searchsorted(line, np.arange(len(chains.first)))
@@ -145,7 +136,7 @@ def with_points(chains: Chains, lines: IntArray, arcs_m: FloatArray) -> Chains:
 
 def subdivided(chains: Chains, steps_m: FloatArray) -> Chains:
     """The same lines with points no further apart than a step of each line [m], shape [K]."""
-    lengths = chains.lengths_m()
+    lengths = chains.lengths_m
     pieces = np.maximum(1, np.ceil(lengths / steps_m)).astype(np.intp)
     lines = np.repeat(np.arange(len(pieces)), pieces)
     number = np.arange(len(lines)) - np.repeat(np.cumsum(pieces) - pieces, pieces)

@@ -12,7 +12,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.types import FloatArray
 
 FLATNESS_M = 1e-6
-"""Largest distance of a curve from its chain [m]: at a slope of 45 degrees 1 um of height, below what an image tells."""
+"""Largest distance of a curve from its chain [m]: at a slope of 45 degrees 1 um of height."""
 
 MOST_PIECES = 4096
 

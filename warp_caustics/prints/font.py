@@ -111,7 +111,7 @@ def text_lines(
         y = ((len(rows) - 1) / 2 - row) * LINE_FEED - CAP_HEIGHT / 2
         for character in words:
             for stroke in _strokes(character):
-                points = _flattened(stroke, flatness_m / unit) + (x, y)
+                points = _flattened(stroke, flatness_m / unit) + np.array([x, y])
                 strokes.append(placed(unit * points, centre_m, angle_rad))
             x += _advance(character)
     return strokes

@@ -9,8 +9,8 @@ import numpy as np
 from warp_caustics.prints.chains import Chains, subdivided, with_points
 from warp_caustics.types import FloatArray
 
-POINTS_PER_WAVE = 12
-"""Straight pieces between so many points are within 2 % of a wave's amplitude."""
+POINTS_PER_WAVE = 8
+"""Of the shorter wave: straight pieces between so many points are within 5 % of both waves' amplitude."""
 SECOND_WAVE = 1.6180339887498949
 """Wavelength over that of the second wave: no rational, so that waves along a line do not repeat."""
 WEIGHTS = (0.6, 0.4)
@@ -33,8 +33,8 @@ def wavy(
     """
     # The shorter wave needs the points.
     chains = subdivided(chains, wavelength_m / (SECOND_WAVE * POINTS_PER_WAVE))
-    line, arc = chains.line, chains.arc_m()
-    length, is_closed = chains.lengths_m(), chains.closed()
+    line, arc = chains.line, chains.arc_m
+    length, is_closed = chains.lengths_m, chains.closed
     thickness, way = np.zeros(len(arc)), np.zeros(len(arc))
     for k, (weight, wave) in enumerate(zip(WEIGHTS, (wavelength_m, wavelength_m / SECOND_WAVE), strict=True)):
         whole = length / np.maximum(1.0, np.round(length / wave))
@@ -58,13 +58,13 @@ def thick_ends(chains: Chains, share: FloatArray, length_m: FloatArray) -> Chain
         share: more width and height at the ends, relative [1], shape [K].
         length_m: l [m], shape [K].
     """
-    lengths = chains.lengths_m()
+    lengths = chains.lengths_m
     near = np.minimum(length_m[:, None] * np.array(END_PLACES), lengths[:, None])
     lines = np.repeat(np.arange(len(lengths)), len(END_PLACES))
     places = np.concatenate([near.ravel(), (lengths[:, None] - near).ravel()])
     chains = with_points(chains, np.concatenate([lines, lines]), places)
-    line, arc = chains.line, chains.arc_m()
-    lengths = chains.lengths_m()
+    line, arc = chains.line, chains.arc_m
+    lengths = chains.lengths_m
     from_end = np.minimum(arc, lengths[line] - arc)
     factor = 1 + np.where(lengths > 0, share, 0.0)[line] * np.exp(-((from_end / length_m[line]) ** 2))
     return Chains(chains.points_m, chains.widths_m * factor, chains.heights_m * factor, chains.first)
@@ -80,7 +80,7 @@ def _normals(chains: Chains) -> FloatArray:
     behind = np.zeros_like(points)
     behind[1:] = ahead[:-1]
     behind[chains.first] = 0.0
-    is_closed = chains.closed()
+    is_closed = chains.closed
     first, last = chains.first[is_closed], chains.last[is_closed]
     behind[first], ahead[last] = behind[last], ahead[first]
     along = ahead + behind

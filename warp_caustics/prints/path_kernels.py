@@ -54,7 +54,7 @@ def path_section_height(
 
 @cache
 def path_kernel(supersampling: int, has_chains: bool) -> Any:
-    """Kernel ``print_paths``; joined rows, and lines that merge, need ``has_chains``, and memory for a cell's points."""
+    """Kernel ``print_paths``; joined rows, and lines that merge, need ``has_chains``: memory for a cell's points."""
     points = supersampling * supersampling
     heights_type = wp.types.vector(length=points if has_chains else 1, dtype=wp.float32)
 
@@ -83,7 +83,7 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
         # Of finished lines, and of the one that is being printed; powers of heights in millimetres where lines merge.
         sums = heights_type()
         line = heights_type()
-        is_open = bool(False)
+        is_open = wp.bool(False)
         for block in range(boxes.shape[1]):
             if (
                 centre[0] + 0.5 * pitch_x < boxes[b, block, 0]
@@ -91,7 +91,7 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
                 or centre[1] + 0.5 * pitch_y < boxes[b, block, 1]
                 or centre[1] - 0.5 * pitch_y > boxes[b, block, 3]
             ):
-                if wp.static(has_chains):
+                if wp.static(has_chains):  # noqa: SIM102 - one is compiled away, the other runs
                     # The line before may end in here; what begins in here does not reach this cell within the block.
                     if is_open and boxes[b, block, 4] > 0.5 and not takes_highest:
                         sums = sums + line

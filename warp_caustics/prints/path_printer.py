@@ -42,7 +42,7 @@ def block_boxes(rows: torch.Tensor, reach: torch.Tensor) -> torch.Tensor:
 
     def blocks(values: torch.Tensor, fill: float) -> torch.Tensor:
         padded = torch.nn.functional.pad(values, (0, 0, 0, missing), value=fill)
-        return padded.unflatten(1, (-1, BLOCK))
+        return padded.reshape(len(padded), -1, BLOCK, padded.shape[2])
 
     begins = blocks((~joined).to(rows.dtype)[..., None], 0.0).amax(dim=2)
     return torch.cat([blocks(low, torch.inf).amin(dim=2), blocks(high, -torch.inf).amax(dim=2), begins], dim=2)
@@ -85,4 +85,3 @@ def print_paths(
             device=wp.device_from_torch(device),
         )
     return heights
-

@@ -19,6 +19,8 @@ from warp_caustics.types import FloatArray
 SUM, MAX = 1.0, math.inf
 """p of lines on top of each other, (sum of h^p)^(1/p), that adds them up, and that takes the highest."""
 
+RAISED_COSINE = CrossSection()
+
 _BAND_POINTS = 2**22
 """Points of cells looked at together, which bounds the memory."""
 
@@ -37,7 +39,7 @@ class PrintedPath:
     points_m: FloatArray
     widths_m: FloatArray
     heights_m: FloatArray
-    section: CrossSection = CrossSection()
+    section: CrossSection = RAISED_COSINE
 
     def __post_init__(self) -> None:
         count = len(self.points_m)
@@ -58,7 +60,7 @@ def uniform_path(
     """A line of one width and height [m] along points [m], shape [k, 2]."""
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     count = len(points)
-    return PrintedPath(points, np.full(count, width_m), np.full(count, height_m), section or CrossSection())
+    return PrintedPath(points, np.full(count, width_m), np.full(count, height_m), section or RAISED_COSINE)
 
 
 def path_of_line(line: Line, section: CrossSection | None = None) -> PrintedPath:
