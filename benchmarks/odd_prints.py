@@ -10,10 +10,11 @@ import numpy as np
 import torch
 
 from data_gen.config import PrintedPattern
-from data_gen.patterns import SEGMENT, padded
+from data_gen.patterns import padded
 from data_gen.reliefs import print_strokes
 from data_gen.variety import PrintTraits
 from warp_caustics.height_field import cell_centres
+from warp_caustics.prints.rows import SEGMENT
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 

@@ -17,7 +17,10 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
+from data_gen.making import Making
+from data_gen.variety import PrintVariety
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
+from nets.training.config import CameraConfig
 from warp_caustics.errors import InputError, known_names, shortened
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
@@ -120,7 +123,11 @@ class Config(Strict):
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
-        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+        tree = self.model_dump(mode="json")
+        # Configurations from before prints could be made otherwise keep their hash.
+        if tree["reliefs"]["making"] is None:
+            del tree["reliefs"]["making"]
+        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
 def dataset_config(config: Config, **values: Any) -> DatasetConfig:
@@ -250,7 +257,11 @@ def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
     return nested
 
 
-MAY_BE_OFF = frozenset({"training.camera"})
+_MAY_BE_OFF: dict[str, type[Strict]] = {
+    "reliefs.variety": PrintVariety,
+    "reliefs.making": Making,
+    "training.camera": CameraConfig,
+}
 """Sections that null switches off; of others, an empty one changes nothing."""
 
 
@@ -262,12 +273,17 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
     # Options belong to a method, which alone knows their names.
     is_open = at.startswith("reconstruction.options.")
     for key, value in over.items():
+        optional = _MAY_BE_OFF.get(f"{at}{key}") if key in base else None
+        if optional is not None and value is None:
+            result[key] = None
+            continue
+        if optional is not None and base[key] is None and isinstance(value, dict):
+            # A section that is off is switched on by any of its keys.
+            base = {**base, key: optional().model_dump(mode="json")}
         if key not in base and not is_open:
             guess = _guess(str(key), base) or f"known are {', '.join(base)}"
             raise InputError(f"{source}{at}{shortened(str(key))}: unknown key; {guess}")
-        if at + str(key) in MAY_BE_OFF and (value is None or base[key] is None):
-            result[key] = value
-        elif not isinstance(base.get(key), dict):
+        if not isinstance(base.get(key), dict):
             if isinstance(value, dict) and not is_open:
                 raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
             result[key] = value

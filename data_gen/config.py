@@ -4,47 +4,27 @@ Everything is in metres; (0, 0) is the centre of the plate. Each pair is an
 interval (lowest, highest) from which values are drawn uniformly.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from data_gen.intervals import (
+    MAX_LENGTH_M,
+    AngleInterval,
+    CountInterval,
+    Interval,
+    PositiveInterval,
+    SomeInterval,
+)
+from data_gen.making import Making
 from data_gen.variety import PrintVariety
-from warp_caustics.prints.line import MAX_LINES, MAX_SUPERSAMPLING, Section
+from warp_caustics.prints.font import GLYPHS, MOST_CHARACTERS
+from warp_caustics.prints.line import MAX_SUPERSAMPLING, Section
 from warp_caustics.strict import Finite, Strict
 
-MAX_LENGTH_M = 1.0
 MAX_PICTURE_CELLS = 1_000_000
 MAX_MERGING_SUPERSAMPLING = 8
 """With lines that merge each thread of the printing kernel keeps supersampling^2 sums."""
-
-
-def _check_interval(value: tuple[float, float]) -> tuple[float, float]:
-    low, high = value
-    if low > high:
-        raise ValueError(f"lower end {low:g} is above upper end {high:g}; swap them")
-    if max(abs(low), abs(high)) > MAX_LENGTH_M:
-        raise ValueError(f"({low:g}, {high:g}) m reaches beyond {MAX_LENGTH_M:g} m; give metres")
-    return value
-
-
-def _check_positive(value: tuple[float, float]) -> tuple[float, float]:
-    if value[0] <= 0:
-        raise ValueError(f"lower end {value[0]:g} m is not above 0; a printed line has a width and a height")
-    return value
-
-
-def _check_angles(value: tuple[float, float]) -> tuple[float, float]:
-    low, high = value
-    if not -7 <= low <= high <= 7:
-        raise ValueError(f"({low:g}, {high:g}) rad is no interval between -7 and 7; give radians, the lower end first")
-    return value
-
-
-def _check_count(value: tuple[int, int]) -> tuple[int, int]:
-    low, high = value
-    if not 0 <= low <= high <= MAX_LINES:
-        raise ValueError(f"({low}, {high}) lines; give 0 <= lowest <= highest <= {MAX_LINES}")
-    return value
 
 
 def _check_picture(rows: tuple[str, ...]) -> tuple[str, ...]:
@@ -57,10 +37,19 @@ def _check_picture(rows: tuple[str, ...]) -> tuple[str, ...]:
     return rows
 
 
-Interval = Annotated[tuple[Finite, Finite], AfterValidator(_check_interval)]
-PositiveInterval = Annotated[Interval, AfterValidator(_check_positive)]
-AngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_angles)]
-CountInterval = Annotated[tuple[int, int], AfterValidator(_check_count)]
+def _check_text(text: str) -> str:
+    strange = sorted(set(text) - set(GLYPHS) - {"\n"})
+    if strange:
+        raise ValueError(f"text holds {strange[0]!r}, which the stroke font does not have; use capitals and digits")
+    if len(text) > MOST_CHARACTERS or (text and not text.strip()):
+        raise ValueError(f"text of {len(text.strip())} characters; give 1 to {MOST_CHARACTERS}, or none to draw them")
+    return text
+
+
+def _check_control(value: tuple[int, int]) -> tuple[int, int]:
+    if not 2 <= value[0] <= value[1] <= 16:
+        raise ValueError(f"({value[0]}, {value[1]}) control points; give 2 to 16")
+    return value
 
 
 class Perturbation(Strict):
@@ -95,13 +84,35 @@ class PrintedPattern(Strict):
     """A height sample is the mean of supersampling^2 points of its cell; 7.5 % of the lines are narrower."""
     variety: PrintVariety | None = None
     """How prints differ from one another in section, merging and bow; None for prints that are all as above."""
+    making: Making | None = None
+    """Prints as a machine makes them: fibres, caps by contact angle, passes, waves, thick ends; None for ideal ones."""
+
+    is_along_points: ClassVar[bool] = False
+    """Whether lines have corners or curves, and so more than one row each."""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether prints are straight lines and rings without any making."""
+        return self.making is None and not self.is_along_points
+
+    @property
+    def has_chains(self) -> bool:
+        """Whether the printing kernel must know which pieces are one line, or keep lines apart."""
+        return self.is_along_points or (self.making is not None and self.making.has_chains)
 
     @model_validator(mode="after")
     def _merging_fits(self) -> "PrintedPattern":
+        if self.variety is not None and self.making is not None:
+            raise ValueError("variety and making both draw sections, merging and bow; set variety or making to null")
         if self.variety is not None and self.variety.merging_share and self.supersampling > MAX_MERGING_SUPERSAMPLING:
             raise ValueError(
                 f"supersampling {self.supersampling} with lines that merge; use {MAX_MERGING_SUPERSAMPLING} at most, "
                 "or variety.merging_share 0"
+            )
+        if self.has_chains and self.supersampling > MAX_MERGING_SUPERSAMPLING:
+            raise ValueError(
+                f"supersampling {self.supersampling} with lines of several pieces, or that merge; use "
+                f"{MAX_MERGING_SUPERSAMPLING} at most"
             )
         return self
 
@@ -172,6 +183,107 @@ class PictureConfig(PrintedPattern):
     """Full width w [m]."""
 
 
+class PolylinesConfig(PrintedPattern):
+    """Lines with corners."""
+
+    is_along_points: ClassVar[bool] = True
+    pattern: Literal["polylines"] = "polylines"
+    """Lines with corners."""
+    line_count: CountInterval = (1, 6)
+    """Number of lines."""
+    start_m: Interval = (-0.02, 0.02)
+    """Where a line starts, along x and along y [m]."""
+    pieces: SomeInterval = (2, 8)
+    """Straight pieces of a line."""
+    piece_m: PositiveInterval = (3e-3, 0.015)
+    """Length of a piece [m]."""
+    turn_rad: AngleInterval = (-2.0, 2.0)
+    """Change of direction at a corner, to the left if positive [rad]."""
+    line_width_m: PositiveInterval = (3e-4, 3e-3)
+    """Full width w [m]."""
+    line_height_m: PositiveInterval = (1e-4, 1e-3)
+    """Height H of the centre line [m]."""
+
+
+class CurvesConfig(PrintedPattern):
+    """Bezier curves."""
+
+    is_along_points: ClassVar[bool] = True
+    pattern: Literal["curves"] = "curves"
+    """Bezier curves."""
+    line_count: CountInterval = (1, 6)
+    """Number of curves."""
+    control_count: Annotated[SomeInterval, AfterValidator(_check_control)] = (3, 5)
+    """Control points of a curve."""
+    control_m: Interval = (-0.024, 0.024)
+    """Where control points lie, along x and along y [m]."""
+    line_width_m: PositiveInterval = (3e-4, 3e-3)
+    """Full width w [m]."""
+    line_height_m: PositiveInterval = (1e-4, 1e-3)
+    """Height H of the centre line [m]."""
+
+
+class MeandersConfig(PrintedPattern):
+    """Lines laid to and fro, as a machine fills an area without stopping."""
+
+    is_along_points: ClassVar[bool] = True
+    pattern: Literal["meanders"] = "meanders"
+    """Lines laid to and fro."""
+    line_count: CountInterval = (1, 3)
+    """Number of meanders."""
+    rows: SomeInterval = (2, 8)
+    """Straight rows of a meander."""
+    length_m: PositiveInterval = (5e-3, 0.025)
+    """Length of the straight part of a row [m]."""
+    spacing_m: PositiveInterval = (1e-3, 4e-3)
+    """Distance of neighbouring rows [m], the diameter of the turns."""
+    angle_rad: AngleInterval = (0.0, 3.141592653589793)
+    """Direction of the rows, from the x axis [rad]."""
+    centre_m: Interval = (-0.01, 0.01)
+    """Centre of a meander, along x and along y [m]."""
+    line_width_m: PositiveInterval = (3e-4, 2e-3)
+    """Full width w [m]."""
+    line_height_m: PositiveInterval = (1e-4, 8e-4)
+    """Height H of the centre line [m]."""
+
+
+class DropsConfig(PrintedPattern):
+    """Round drops."""
+
+    pattern: Literal["drops"] = "drops"
+    """Round drops."""
+    line_count: CountInterval = (1, 30)
+    """Number of drops."""
+    centre_m: Interval = (-0.024, 0.024)
+    """Centre of a drop, along x and along y [m]."""
+    line_width_m: PositiveInterval = (5e-4, 6e-3)
+    """Diameter w [m]."""
+    line_height_m: PositiveInterval = (1e-4, 1e-3)
+    """Height H of the centre [m]."""
+
+
+class TextConfig(PrintedPattern):
+    """Text, written in single lines with the stroke font."""
+
+    is_along_points: ClassVar[bool] = True
+    pattern: Literal["text"] = "text"
+    """Text in single lines."""
+    text: Annotated[str, AfterValidator(_check_text)] = ""
+    """What is written: capitals, digits and some signs; a newline begins another line. Empty draws characters."""
+    characters: SomeInterval = (1, 6)
+    """How many capitals and digits are drawn where no text is given."""
+    cap_height_m: PositiveInterval = (5e-3, 0.015)
+    """Height of a capital [m]."""
+    angle_rad: AngleInterval = (-0.5, 0.5)
+    """Direction of writing, from the x axis [rad]."""
+    centre_m: Interval = (-8e-3, 8e-3)
+    """Centre of the text, along x and along y [m]."""
+    line_width_m: PositiveInterval = (4e-4, 1.5e-3)
+    """Full width w [m]; the same for all strokes."""
+    line_height_m: PositiveInterval = (1e-4, 6e-4)
+    """Height H of the centre line [m]; the same for all strokes."""
+
+
 def _pattern_of(value: Any) -> str:
     found = value.get("pattern", "lines") if isinstance(value, dict) else getattr(value, "pattern", "lines")
     return str(found)
@@ -181,7 +293,12 @@ PatternConfig = Annotated[
     Annotated[ReliefConfig, Tag("lines")]
     | Annotated[RasterConfig, Tag("raster")]
     | Annotated[RingsConfig, Tag("rings")]
-    | Annotated[PictureConfig, Tag("picture")],
+    | Annotated[PictureConfig, Tag("picture")]
+    | Annotated[PolylinesConfig, Tag("polylines")]
+    | Annotated[CurvesConfig, Tag("curves")]
+    | Annotated[MeandersConfig, Tag("meanders")]
+    | Annotated[DropsConfig, Tag("drops")]
+    | Annotated[TextConfig, Tag("text")],
     Discriminator(_pattern_of),
 ]
 """One of the patterns, told apart by its field ``pattern``; lines where that is missing."""
@@ -191,4 +308,9 @@ PATTERN_CONFIGS: dict[str, type[PrintedPattern]] = {
     "raster": RasterConfig,
     "rings": RingsConfig,
     "picture": PictureConfig,
+    "polylines": PolylinesConfig,
+    "curves": CurvesConfig,
+    "meanders": MeandersConfig,
+    "drops": DropsConfig,
+    "text": TextConfig,
 }

@@ -80,11 +80,13 @@ class DatasetConfig(Strict):
     def canonical(self) -> dict[str, Any]:
         """The configuration in plain types, with the generator's version.
 
-        Without ``reliefs.variety`` where there is none: data sets from before it keep their fingerprint.
+        Without ``reliefs.variety`` and ``reliefs.making`` where there is none: data sets from before them keep their
+        fingerprint.
         """
         tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json")}
-        if tree["reliefs"]["variety"] is None:
-            del tree["reliefs"]["variety"]
+        for name in ("variety", "making"):
+            if tree["reliefs"][name] is None:
+                del tree["reliefs"][name]
         return tree
 
     def fingerprint(self) -> str:

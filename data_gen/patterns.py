@@ -1,7 +1,8 @@
 """Strokes of a printed pattern, drawn from the distribution that a configuration describes.
 
-A stroke is one fused fibre, a straight segment or a ring. Every pattern gives
-an array of strokes, so that perturbing and printing them is the same for all.
+A stroke is one fused fibre, a straight segment or a ring, or a piece of one with
+corners and curves. Every pattern gives an array of strokes, so that perturbing
+and printing them is the same for all.
 """
 
 from collections.abc import Callable
@@ -11,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from data_gen.config import PictureConfig, PrintedPattern, RasterConfig, ReliefConfig, RingsConfig
+from data_gen.shapes import DRAW_SHAPES, drawn_count, drawn_sizes
 from warp_caustics.errors import InputError
 from warp_caustics.prints.line import Line
+from warp_caustics.prints.rows import BEGIN, JOINED, RING, ROW_COLUMNS, SEGMENT
 from warp_caustics.types import FloatArray
 
-STROKE_COLUMNS = ("kind", "x0_m", "y0_m", "x1_m", "y1_m", "width_m", "height_m")
-"""Columns of a stroke. Kind 0: a segment from (x0, y0) to (x1, y1); kind 1: a ring around (x0, y0) of radius x1."""
-
-SEGMENT, RING = 0.0, 1.0
+STROKE_COLUMNS = ROW_COLUMNS
+"""Columns of a stroke: its kind, ends, width and height; see :mod:`warp_caustics.prints.rows`."""
 
 
 def draw_strokes(config: PrintedPattern, rng: np.random.Generator) -> FloatArray:
@@ -45,24 +46,45 @@ def perturb_strokes(
         rng: source of randomness.
 
     Returns:
-        Perturbed strokes, shape [L, 7], and how many had to be raised to the
-        smallest width or were lost to a height of 0.
+        Perturbed strokes, shape [L, 7], and how many lines had to be raised to the smallest width or were lost to a
+        height of 0, somewhere.
     """
     ranges = config.perturbation
-    count = len(strokes)
-    offsets = np.zeros_like(strokes)
-    offsets[:, 1:3] = rng.uniform(*ranges.line_start_m, (count, 2))
-    offsets[:, 3:5] = rng.uniform(*ranges.line_end_m, (count, 2))
-    offsets[:, 5] = rng.uniform(*ranges.line_width_m, count)
-    offsets[:, 6] = rng.uniform(*ranges.line_height_m, count)
-    moved = strokes + offsets
+    line = np.cumsum(strokes[:, 0] != JOINED) - 1
+    count = int(line[-1]) + 1 if len(line) else 0
+    start = rng.uniform(*ranges.line_start_m, (count, 2))[line]
+    end = rng.uniform(*ranges.line_end_m, (count, 2))[line]
+    wider = rng.uniform(*ranges.line_width_m, count)[line]
+    higher = rng.uniform(*ranges.line_height_m, count)[line]
+    # A line of several pieces moves as one: each point by what its way from the start asks for.
+    at_start, at_end = (way[:, None] for way in _ways(strokes, line))
+    moved = strokes.copy()
+    moved[:, 1:3] += (1 - at_start) * start + at_start * end
+    moved[:, 3:5] += (1 - at_end) * start + at_end * end
+    moved[:, 5] += wider
+    moved[:, 6] += higher
     is_ring = strokes[:, 0] == RING
     moved[is_ring, 4] = 0.0
     moved[is_ring, 3] = np.maximum(moved[is_ring, 3], 0.0)
     is_narrow, is_missing = moved[:, 5] < config.smallest_width_m, moved[:, 6] < 0
     moved[is_narrow, 5] = config.smallest_width_m
     moved[is_missing, 6] = 0.0
-    return moved, {"narrow_strokes": int(is_narrow.sum()), "missing_strokes": int(is_missing.sum())}
+    counters = {"narrow_strokes": is_narrow, "missing_strokes": is_missing}
+    return moved, {name: len(np.unique(line[rows])) for name, rows in counters.items()}
+
+
+def _ways(strokes: FloatArray, line: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """How far along its line each stroke starts and ends, from 0 to 1; shape [L] each."""
+    lengths = np.hypot(*(strokes[:, 3:5] - strokes[:, 1:3]).T)
+    is_alone = np.bincount(line, minlength=1)[line] == 1
+    lengths[(strokes[:, 0] == BEGIN) | (strokes[:, 0] == RING)] = 0.0
+    total = np.bincount(line, lengths)[line]
+    ends = np.cumsum(lengths)
+    before = (ends - lengths)[strokes[:, 0] != JOINED][line]
+    at_end = (ends - before) / np.where(total > 0, total, 1.0)
+    at_start = (ends - lengths - before) / np.where(total > 0, total, 1.0)
+    # A drop's ends are its start and its end, as a ring's are its centre and radius.
+    return np.where(is_alone, 0.0, at_start), np.where(is_alone, 1.0, at_end)
 
 
 def padded(strokes: list[FloatArray]) -> npt.NDArray[np.float32]:
@@ -102,21 +124,17 @@ def picture_rows(image: npt.NDArray[Any], rows: int = 48) -> tuple[str, ...]:
     return tuple("".join("#" if cell else "." for cell in row) for row in dark)
 
 
-def _width_height(config: PrintedPattern, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-    return rng.uniform(*config.line_width_m, count), rng.uniform(*config.line_height_m, count)
-
-
 def _lines(config: ReliefConfig, rng: np.random.Generator) -> FloatArray:
-    count = int(rng.integers(config.line_count[0], config.line_count[1], endpoint=True))
+    count = drawn_count(config.line_count, rng)
     strokes = np.zeros((count, len(STROKE_COLUMNS)))
     strokes[:, 1:3] = rng.uniform(*config.line_start_m, (count, 2))
     strokes[:, 3:5] = rng.uniform(*config.line_end_m, (count, 2))
-    strokes[:, 5], strokes[:, 6] = _width_height(config, rng, count)
+    strokes[:, 5], strokes[:, 6] = drawn_sizes(config, rng, count)
     return strokes
 
 
 def _raster(config: RasterConfig, rng: np.random.Generator) -> FloatArray:
-    count = int(rng.integers(config.line_count[0], config.line_count[1], endpoint=True))
+    count = drawn_count(config.line_count, rng)
     angle, length = rng.uniform(*config.angle_rad), rng.uniform(*config.length_m)
     spacing, centre = rng.uniform(*config.spacing_m), rng.uniform(*config.centre_m, 2)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -125,17 +143,17 @@ def _raster(config: RasterConfig, rng: np.random.Generator) -> FloatArray:
     strokes = np.zeros((count, len(STROKE_COLUMNS)))
     strokes[:, 1:3] = middles - length / 2 * along
     strokes[:, 3:5] = middles + length / 2 * along
-    strokes[:, 5], strokes[:, 6] = _width_height(config, rng, 1)
+    strokes[:, 5], strokes[:, 6] = drawn_sizes(config, rng, 1)
     return strokes
 
 
 def _rings(config: RingsConfig, rng: np.random.Generator) -> FloatArray:
-    count = int(rng.integers(config.line_count[0], config.line_count[1], endpoint=True))
+    count = drawn_count(config.line_count, rng)
     strokes = np.zeros((count, len(STROKE_COLUMNS)))
     strokes[:, 0] = RING
     strokes[:, 1:3] = rng.uniform(*config.centre_m, (count, 2))
     strokes[:, 3] = rng.uniform(*config.radius_m, count)
-    strokes[:, 5], strokes[:, 6] = _width_height(config, rng, count)
+    strokes[:, 5], strokes[:, 6] = drawn_sizes(config, rng, count)
     return strokes
 
 
@@ -143,7 +161,7 @@ def _picture(config: PictureConfig, rng: np.random.Generator) -> FloatArray:
     rows, columns = len(config.rows), len(config.rows[0])
     cell = rng.uniform(*config.size_m) / max(rows, columns)
     centre = rng.uniform(*config.centre_m, 2)
-    width, height = _width_height(config, rng, 1)
+    width, height = drawn_sizes(config, rng, 1)
     strokes = []
     for r, text in enumerate(config.rows):
         y = centre[1] + ((rows - 1) / 2 - r) * cell
@@ -160,4 +178,5 @@ _DRAW: dict[type[PrintedPattern], Callable[[Any, np.random.Generator], FloatArra
     RasterConfig: _raster,
     RingsConfig: _rings,
     PictureConfig: _picture,
+    **DRAW_SHAPES,
 }

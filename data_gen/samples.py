@@ -13,8 +13,9 @@ import numpy as np
 import torch
 
 from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator, sample_seed
+from data_gen.making import made_strokes
 from data_gen.patterns import draw_strokes, padded, perturb_strokes
-from data_gen.reliefs import print_strokes, traits_of
+from data_gen.reliefs import made_print, print_strokes, traits_of
 from data_gen.sampler import Field, SampleBatch, Sampler
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
@@ -53,7 +54,18 @@ class Reliefs:
 
     def strokes(self, sample: int) -> np.ndarray[Any, Any]:
         """What is printed for a sample, drawn on the CPU."""
-        return draw_strokes(self.config.reliefs, sample_generator(self.fingerprint, "relief", sample))
+        pattern = self.config.reliefs
+        strokes = draw_strokes(pattern, sample_generator(self.fingerprint, "relief", sample))
+        made = made_print(self.config, self.fingerprint, sample)
+        if pattern.making is None or made is None:
+            return strokes
+        return made_strokes(strokes, pattern.making, made, sample_generator(self.fingerprint, "making", sample))
+
+    def records(self, ids: Sequence[int]) -> dict[str, np.ndarray[Any, Any]]:
+        """How samples are made, a number each by name, for their manifests; nothing where the pattern has no making."""
+        made = [made_print(self.config, self.fingerprint, sample) for sample in ids]
+        records = [each.record() for each in made if each is not None]
+        return {name: np.array([record[name] for record in records]) for name in (records[0] if records else {})}
 
     def perturbed_strokes(
         self, strokes: np.ndarray[Any, Any], sample: int
@@ -168,9 +180,8 @@ class DenoiserSampler:
     def draw(self, ids: Sequence[int]) -> SampleBatch:
         heights = self.reliefs.true(ids)
         arrays = {"noisy": self.noisy(heights, ids), "clean": self.clean(heights, ids)}
-        return SampleBatch(
-            tuple(ids), _stored(arrays, self.fields), _light_counters(arrays["clean"], self.config.scene)
-        )
+        records = {**self.reliefs.records(ids), **_light_counters(arrays["clean"], self.config.scene)}
+        return SampleBatch(tuple(ids), _stored(arrays, self.fields), records)
 
 
 class UpdaterSampler:
@@ -222,7 +233,9 @@ class UpdaterSampler:
     def draw(self, ids: Sequence[int]) -> SampleBatch:
         tensors, counters = self.draw_tensors(ids)
         light = _light_counters(tensors["target"], self.config.scene)
-        return SampleBatch(tuple(ids), _stored(tensors, self.fields), {**counters, **light})
+        return SampleBatch(
+            tuple(ids), _stored(tensors, self.fields), {**counters, **self.reliefs.records(ids), **light}
+        )
 
 
 def make_sampler(config: DatasetConfig, device: str, denoiser: Denoiser | None = None) -> Sampler:

@@ -10,7 +10,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from warp_caustics.prints.line import COSINE_EXPONENT, FAMILIES, Family, Section
+from warp_caustics.prints.line import COSINE_EXPONENT, FAMILIES, Section
+from warp_caustics.prints.sections import KINDS, RIGHT_ANGLE, CrossSection, Kind
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
@@ -61,19 +62,33 @@ class PrintTraits:
         section: family of the cross section.
         exponent: g.
         reach: e, where the section ends, in halves of the width.
-        merging: p of lines on top of each other; 1 adds them up.
+        merging: p of lines on top of each other; 1 adds them up, infinity takes the highest.
         bow: coefficients (xx, xy, yy) of the base's bow [1/m].
+        contact_angle_rad: theta of a cap [rad].
+        wave: of the base, (a, k_x, k_y, phase): a sin(k_x x + k_y y + phase); [m, rad/m, rad/m, rad].
     """
 
-    section: Family = "cosine"
+    section: Kind = "cosine"
     exponent: float = 1.0
     reach: float = 1.0
     merging: float = 1.0
     bow: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    contact_angle_rad: float = RIGHT_ANGLE
+    wave: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def cross_section(self) -> CrossSection:
+        """The section with its parameters."""
+        return CrossSection(self.section, self.exponent, self.reach, self.contact_angle_rad)
 
     def row(self) -> tuple[float, ...]:
-        """As the kernel takes it, TRAIT_COLUMNS."""
-        return (float(FAMILIES.index(self.section)), self.exponent, self.reach, self.merging, *self.bow)
+        """As the kernel of plain lines takes it, TRAIT_COLUMNS."""
+        return (float(KINDS.index(self.section)), self.exponent, self.reach, self.merging, *self.bow)
+
+    def path_row(self) -> tuple[float, ...]:
+        """As the kernel of lines of any shape takes it, ``PATH_TRAIT_COLUMNS``."""
+        number, _, *rest = self.row()
+        return (number, self.cross_section.parameter, *rest, *self.wave)
 
 
 def plain_traits(section: Section) -> PrintTraits:
@@ -103,22 +118,38 @@ def draw_traits(
     sag, across, angle = rng.uniform((-variety.bow_m, -1.0, 0.0), (variety.bow_m, 1.0, np.pi))
     bow = (0.0, 0.0, 0.0)
     if has_bow:
-        # A bowl, a saddle or a trough: sag along one direction, a part of it across.
-        c, s = np.cos(angle), np.sin(angle)
-        scale = 4 * sag / max(plate_size_m) ** 2
-        bow = (scale * (c**2 + across * s**2), scale * 2 * c * s * (1 - across), scale * (s**2 + across * c**2))
+        bow = bow_of(sag, across, angle, plate_size_m)
     return PrintTraits(
         FAMILIES[family] if has_section else plain.section,
         exponent if has_section else plain.exponent,
         reach if has_section and FAMILIES[family] == "gaussian" else plain.reach,
         merging if has_merging else plain.merging,
-        (float(bow[0]), float(bow[1]), float(bow[2])),
+        bow,
     )
 
 
+def bow_of(
+    sag_m: float, across: float, angle_rad: float, plate_size_m: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Bow of a base (``PrintTraits.bow``) [1/m]: a bowl, a saddle or a trough.
+
+    Args:
+        sag_m: between the plate's centre and the middle of its longer side [m].
+        across: part of it across, from -1 to 1.
+        angle_rad: direction of the sag, from the x axis [rad].
+        plate_size_m: extent along x and y [m].
+    """
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    scale = 4 * sag_m / max(plate_size_m) ** 2
+    bow = (scale * (c**2 + across * s**2), scale * 2 * c * s * (1 - across), scale * (s**2 + across * c**2))
+    return (float(bow[0]), float(bow[1]), float(bow[2]))
+
+
 def merged(heights: FloatArray, merging: float) -> FloatArray:
-    """Lines on top of each other: (sum of h^p)^(1/p) over the first axis; p = 1 adds them up [m]."""
+    """Lines on top of each other: (sum of h^p)^(1/p) over the first axis; p = 1 adds them up, infinite: highest [m]."""
     if merging == 1.0:
         return np.asarray(heights.sum(axis=0))
+    if np.isinf(merging):
+        return np.asarray(heights.max(axis=0))
     highest = np.maximum(heights.max(axis=0), 1e-30)
     return np.asarray(highest * ((heights / highest) ** merging).sum(axis=0) ** (1 / merging))

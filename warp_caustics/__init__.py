@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from warp_caustics.io.images import read_image as read_image
     from warp_caustics.io.images import write_image as write_image
     from warp_caustics.metrics import height_errors as height_errors
+    from warp_caustics.prints.design_file import design_relief as design_relief
+    from warp_caustics.prints.design_file import read_design as read_design
     from warp_caustics.prints.line import Line as Line
     from warp_caustics.prints.line import line_relief as line_relief
     from warp_caustics.prints.line_list import read_lines as read_lines
@@ -57,12 +59,14 @@ _HOMES = {
     "ResourceError": "warp_caustics.errors",
     "Scene": "warp_caustics.scene",
     "SensorConfig": "warp_caustics.camera.config",
+    "design_relief": "warp_caustics.prints.design_file",
     "exposed": "warp_caustics.camera.exposure",
     "height_errors": "warp_caustics.metrics",
     "judge_plate": "warp_caustics.inspection.judge",
     "line_relief": "warp_caustics.prints.line",
     "photographs": "warp_caustics.camera.photographs",
     "read_camera": "warp_caustics.camera.config",
+    "read_design": "warp_caustics.prints.design_file",
     "read_heights": "warp_caustics.io.heights",
     "read_image": "warp_caustics.io.images",
     "read_lines": "warp_caustics.prints.line_list",

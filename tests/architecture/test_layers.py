@@ -43,7 +43,17 @@ LAYERS = {
         "sfc transport",
         "methods",
     ),
-    "data_gen": ("variety", "config", "dataset_config", "sampler patterns", "reliefs store", "samples", "testset"),
+    "data_gen": (
+        "intervals variety",
+        "making",
+        "config",
+        "shapes",
+        "dataset_config",
+        "sampler patterns",
+        "reliefs store",
+        "samples",
+        "testset",
+    ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries",
         "unet backbone",

@@ -54,7 +54,7 @@ def read_nominal(
     """Read a design on a scene's samples.
 
     Args:
-        path: list of lines (.csv, .yaml), solid in millimetres (.stl, .ply, .obj), or height map in metres.
+        path: list of lines or design (.csv, .yaml), solid in millimetres (.stl, .ply, .obj), or height map in metres.
         scene: gives plate size and number of samples.
         section: of the printed lines.
         highest_m: largest height that is believed [m]; ``MOST_THICKNESSES`` times the plate's thickness if None.
@@ -65,9 +65,15 @@ def read_nominal(
     """
     from warp_caustics.io.heights import read_heights
     from warp_caustics.io.solid import is_solid, read_solid
+    from warp_caustics.prints.design_file import design_relief, is_design, read_design
     from warp_caustics.prints.line_list import is_line_list, read_lines
 
     n = scene.height_samples
+    if is_line_list(path) and is_design(path):
+        design = read_design(path)
+        how = f"design {path!r} of {len(design.paths)} printed lines, compared as a map"
+        printed = Nominal(design_relief(design, n, scene.plate_size_m), section=section, origin=how)
+        return _checked(printed, path, scene, highest_m)
     if is_line_list(path):
         nominal = Nominal.of_lines(read_lines(path), scene, section)
         return _checked(replace(nominal, origin=f"{nominal.origin} of {path!r}"), path, scene, highest_m)

@@ -5,12 +5,12 @@ width and height, each with _m, _mm or _um, from the plate's centre. CSV has one
 line of names and one row per printed line; YAML is a list of mappings with
 these keys, or a mapping whose key ``lines`` holds it. Numbers are decimal, by the rules of
 :mod:`warp_caustics.io.yaml_file` in both: ``010`` is ten, and ``yes``, ``1:30`` and ``1_0`` are no numbers. Nothing
-may be given twice.
+may be given twice. A list that says more (sections, curves, fibres) is a design
+(:mod:`warp_caustics.prints.design_file`).
 """
 
 import csv
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ from typing import Any
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
 from warp_caustics.io.yaml_file import parsed_yaml
+from warp_caustics.prints.design_words import number_of, word_of
 from warp_caustics.prints.line import MAX_LINES, Line
 
 QUANTITIES = ("start_x", "start_y", "end_x", "end_y", "width", "height")
 UNITS_M = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 SUFFIXES = (".csv", ".yaml", ".yml")
 MAX_BYTES = 10_000_000
-_DECIMAL = re.compile(r"\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*", re.ASCII)
-"""What a cell may hold: Python's float() also takes 1_0, and digits of other scripts."""
+_IS_DESIGN = "is a design with {word!r}; give straight lines with a width and a height each here"
 
 
 def read_lines(path: PathLike) -> list[Line]:
@@ -40,6 +40,19 @@ def read_lines(path: PathLike) -> list[Line]:
     Raises:
         InputError: unreadable, a missing or unknown column, or a value that makes no line.
     """
+    name = repr(str(path))
+    rows, settings = read_rows(path)
+    if settings:
+        raise InputError(f"{name} {_IS_DESIGN.format(word=next(iter(settings)))}")
+    return [_line(row, f"{name}, {where}") for where, row in rows]
+
+
+def read_rows(path: PathLike) -> tuple[list[tuple[str, Mapping[str, Any]]], dict[str, Any]]:
+    """Entries of a list of lines or a design: where each stands and what it says; and what stands beside them.
+
+    Raises:
+        InputError: unreadable, without lines, or with more than ``MAX_LINES``.
+    """
     file = regular_file(path)
     name = repr(str(path))
     if file.suffix.lower() not in SUFFIXES:
@@ -50,12 +63,13 @@ def read_lines(path: PathLike) -> list[Line]:
         text = file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{name} is no text in UTF-8 ({reason(error)}); export it again") from error
-    rows = _csv_rows(text, name) if file.suffix.lower() == ".csv" else _yaml_rows(text, name)
+    is_csv = file.suffix.lower() == ".csv"
+    rows, settings = (_csv_rows(text, name), {}) if is_csv else _yaml_rows(text, name)
     if not rows:
         raise InputError(f"{name} holds no lines; give at least one")
     if len(rows) > MAX_LINES:
         raise InputError(f"{name} holds {len(rows)} lines, at most {MAX_LINES} are read; split the design")
-    return [_line(row, f"{name}, {where}") for where, row in rows]
+    return rows, settings
 
 
 def write_lines(path: PathLike, lines: Sequence[Line]) -> None:
@@ -93,15 +107,16 @@ def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
     return rows
 
 
-def _yaml_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
-    tree = parsed_yaml(text, name)
-    if isinstance(tree, dict) and set(tree) == {"lines"}:
+def _yaml_rows(text: str, name: str) -> tuple[list[tuple[str, Mapping[str, Any]]], dict[str, Any]]:
+    tree, settings = parsed_yaml(text, name), {}
+    if isinstance(tree, dict) and "lines" in tree:
+        settings = {key: value for key, value in tree.items() if key != "lines"}
         tree = tree["lines"]
     if tree is None:
-        return []
+        return [], settings
     if not isinstance(tree, list) or not all(isinstance(entry, dict) for entry in tree):
         raise InputError(f"{name} is no list of mappings; write '- {{start_x_mm: -10, start_y_mm: 0, ...}}' per line")
-    return [(f"line {number}", entry) for number, entry in enumerate(tree, 1)]
+    return [(f"line {number}", entry) for number, entry in enumerate(tree, 1)], settings
 
 
 def _line(row: Mapping[str, Any], where: str) -> Line:
@@ -109,12 +124,14 @@ def _line(row: Mapping[str, Any], where: str) -> Line:
     for column, value in row.items():
         quantity, _, unit = str(column).rpartition("_")
         if quantity not in QUANTITIES or unit not in UNITS_M:
+            if word_of(str(column)) is not None:
+                raise InputError(f"{where}: {_IS_DESIGN.format(word=column)}")
             raise InputError(
                 f"{where}: column {str(column)!r} is not known; use {', '.join(QUANTITIES)}, each with _m, _mm or _um"
             )
         if quantity in values:
             raise InputError(f"{where}: {quantity} is given twice; keep one unit")
-        number = _number(value)
+        number = number_of(value)
         if not math.isfinite(number):
             raise InputError(f"{where}: {column} is {value!r}, not a finite number; write for example 1.5")
         values[quantity] = number * UNITS_M[unit]
@@ -132,18 +149,6 @@ def _line(row: Mapping[str, Any], where: str) -> Line:
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-
-
-def _number(value: Any) -> float:
-    """The number that a cell or a YAML scalar holds; NaN where it holds none."""
-    if isinstance(value, str):
-        return float(value) if _DECIMAL.fullmatch(value) else math.nan
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
 
 
 def is_line_list(path: PathLike) -> bool:
