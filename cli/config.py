@@ -120,7 +120,8 @@ class Config(Strict):
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
-        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+        tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
+        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
 def dataset_config(config: Config, **values: Any) -> DatasetConfig:

@@ -80,9 +80,10 @@ class DatasetConfig(Strict):
     def canonical(self) -> dict[str, Any]:
         """The configuration in plain types, with the generator's version.
 
-        Without ``reliefs.variety`` where there is none: data sets from before it keep their fingerprint.
+        Without ``reliefs.variety`` where there is none, and later fields of the scene at their defaults: data sets
+        from before them keep their fingerprint.
         """
-        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json")}
+        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json"), "scene": self.scene.record()}
         if tree["reliefs"]["variety"] is None:
             del tree["reliefs"]["variety"]
         return tree

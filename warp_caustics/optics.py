@@ -7,6 +7,7 @@ import torch
 import warp as wp
 
 from warp_caustics.kernels import dtype_of
+from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.photons import optics_struct, photons_struct
 from warp_caustics.kernels.profiles import REACH
 from warp_caustics.photons import PhotonPlan
@@ -34,11 +35,17 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
 
 
+def effects_of(scene: Scene) -> Effects:
+    """Effects that a scene asks for."""
+    return Effects(fresnel=scene.fresnel)
+
+
 class Optics:
     """What is the same for all photons of a plan, made once.
 
     Attributes:
         scene: where it comes from.
+        effects: what kernels are built with.
         shared: struct ``Optics``; :meth:`photons` copies it.
     """
 
@@ -51,7 +58,7 @@ class Optics:
         device: torch.device,
         dtype: torch.dtype,
     ):
-        self.scene = scene
+        self.scene, self.effects = scene, effects_of(scene)
         warp_dtype = dtype_of(torch.finfo(dtype).bits)
 
         def per_wavelength(values: list[float]) -> Any:

@@ -120,6 +120,37 @@ def path_weight(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -
     return torch.where(in_cone, torch.relu(facing) * (nominal / distance) ** 2, torch.zeros_like(facing))
 
 
+def passed_share(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
+    """Share of the flux that both faces let through at a point of the relief, over that of a flat plate [1].
+
+    Each face takes the light as unpolarised. Normal incidence is the flat plate under collimated light, and right
+    below a point source.
+    """
+    if not scene.fresnel:
+        return torch.ones((), dtype=torch.float64)
+    height = surface_height(point, coefficients, scene)  # scalar [m]
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
+    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
+    normal = normal / torch.linalg.vector_norm(normal)  # [3]
+    upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    glass, outside = scene.glass_indices[channel], scene.exit_indices[channel]
+    direction = incident_direction(position, scene)  # [3]
+    inside = refract(direction, normal, 1.0, glass)  # [3]
+    share = 1 - reflectance(-(direction @ normal), 1.0, glass)
+    share = share * (1 - reflectance(-(inside @ upward), glass, outside))
+    flat = (1 - ((glass - 1) / (glass + 1)) ** 2) * (1 - ((glass - outside) / (glass + outside)) ** 2)
+    return share / flat
+
+
+def reflectance(cosine: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
+    """Part of unpolarised light that a face reflects, by Fresnel's amplitudes; NaN at total reflection."""
+    behind = torch.sqrt(1 - (n_before / n_behind) ** 2 * (1 - cosine**2))
+    across = (n_before * cosine - n_behind * behind) / (n_before * cosine + n_behind * behind)
+    within = (n_behind * cosine - n_before * behind) / (n_behind * cosine + n_before * behind)
+    return (across**2 + within**2) / 2
+
+
 def profile_distribution(t: torch.Tensor, profile: Profile) -> torch.Tensor:
     """Distribution function of the footprint's profile at t standard deviations."""
     if profile == "spline":
@@ -195,6 +226,7 @@ def oracle_image(
         covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
         covariance = covariance + _LEAST_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
         keep = torch.isfinite(centre).all(1) & (weight > 0)  # [N]
+        passed = torch.vmap(lambda p, channel=c: passed_share(p, coefficients, scene, channel))(positions)  # [N]
         shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)  # [N, m, m]
-        channels.append(torch.einsum("p,pij->ij", weight[keep], shares) * scene.radiosity_W_m2[c])
+        channels.append(torch.einsum("p,pij->ij", (weight * passed)[keep], shares) * scene.radiosity_W_m2[c])
     return torch.stack(channels)

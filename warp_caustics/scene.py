@@ -8,7 +8,7 @@ name of each field carries its unit.
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 from pydantic import AfterValidator, Field, field_validator, model_validator
@@ -61,6 +61,9 @@ def _check_radiosity(value: float) -> float:
     return value
 
 
+LATER_FIELDS = ("fresnel",)
+"""Fields that data sets and weights of the first format do not know."""
+
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
 PlateLength = Annotated[Finite, AfterValidator(_check_plate_length)]
 Radiosity = Annotated[Finite, AfterValidator(_check_radiosity)]
@@ -94,6 +97,8 @@ class Scene(Strict):
     """Glass of plate and relief: a name or a constant refractive index."""
     exit_medium: Medium = "air"
     """Medium between plate and screen: ``"air"``, ``"glass"`` (screen in optical contact), a glass name or an index."""
+    fresnel: bool = False
+    """Whether steep glass reflects more: Fresnel's losses at both faces, relative to a flat plate."""
 
     @field_validator("glass")
     @classmethod
@@ -148,6 +153,14 @@ class Scene(Strict):
         if self.glass_indices.count(1.0):
             raise ValueError("a glass of index 1 refracts no light; give an index above 1")
         return self
+
+    def record(self) -> dict[str, Any]:
+        """JSON values of what defines the scene, for files and hashes.
+
+        Without :data:`LATER_FIELDS` that have their default: what was written before they were there stays the same.
+        """
+        usual = {key for key in LATER_FIELDS if getattr(self, key) == Scene.model_fields[key].default}
+        return self.model_dump(mode="json", exclude=usual)
 
     @property
     def n_wavelengths(self) -> int:

@@ -16,6 +16,7 @@ pytestmark = [
 
 FAR = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 POINT = FAR.model_copy(update={"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9})
+EFFECTS = {"fresnel": True}
 
 
 def bumpy(batch=None):
@@ -35,7 +36,11 @@ def gradient(simulator, heights):
     return image.detach().cpu().double(), leaf.grad.cpu().double()
 
 
-@pytest.mark.parametrize("scene", [FAR, POINT], ids=["far", "point"])
+@pytest.mark.parametrize(
+    "scene",
+    [FAR, POINT, FAR.model_copy(update=EFFECTS), POINT.model_copy(update=EFFECTS)],
+    ids=["far", "point", "far, all effects", "point, all effects"],
+)
 @pytest.mark.parametrize("placement", ["lattice", "stratified", "sobol", "random"])
 @pytest.mark.parametrize("profile", ["gaussian", "spline"])
 def test_image_and_gradient_match_the_oracle(scene, placement, profile):

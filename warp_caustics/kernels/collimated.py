@@ -15,8 +15,8 @@ So a wavelength costs a few square roots, and the adjoint is short enough to be
 written by hand. ``trace.py`` is the general form, whose derivative is Warp's; both
 are tested against the oracle.
 
-Not modelled here: light that does not come along -z, Fresnel losses, a second hit
-of the relief.
+What the faces let through (``fresnel.py``) is a function of M alone too. Not modelled here: light that does not
+come along -z.
 """
 
 from functools import cache
@@ -26,15 +26,20 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
+from warp_caustics.kernels.fresnel import fresnel_functions
 from warp_caustics.kernels.photons import optics_struct
 from warp_caustics.kernels.surface import photon_struct
 from warp_caustics.kernels.trace import FAR_PX, GRAZING
 
 
 @cache
-def collimated_functions(dtype: Any) -> SimpleNamespace:
+def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``refraction``, ``footprint`` and ``footprint_adjoint``."""
+    has_fresnel = effects.fresnel
+    fresnel = fresnel_functions(dtype)
+    transmission, transmission_slopes = fresnel.transmission, fresnel.transmission_slopes
     Optics = optics_struct(dtype)
     Photon = photon_struct(dtype)
     Footprint = footprint_struct(dtype, 0)
@@ -115,6 +120,33 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
+    def passed(m: dtype, eta: dtype, ratio: dtype):
+        """Share of the flux that both faces let through, relative to a flat plate."""
+        c = one - eta * eta
+        root = wp.sqrt(eta * eta + c * m)
+        g = c / (root + eta)
+        sine2 = g * g * (m - one)
+        cos_out = wp.sqrt(one - ratio * ratio * sine2)
+        return transmission(one, root, eta) * transmission(wp.sqrt(one - sine2), cos_out, ratio)
+
+    @no_type_check
+    @wp.func
+    def passed_slope(m: dtype, eta: dtype, ratio: dtype):
+        """Derivative by M of the logarithm of ``passed``."""
+        c = one - eta * eta
+        root = wp.sqrt(eta * eta + c * m)
+        g = c / (root + eta)
+        sine2 = g * g * (m - one)
+        sine2_m = g * g * (one - g * (m - one) / root)
+        cosine = wp.sqrt(one - sine2)
+        cos_out = wp.sqrt(one - ratio * ratio * sine2)
+        _, by_root = transmission_slopes(one, root, eta)
+        by_cosine, by_out = transmission_slopes(cosine, cos_out, ratio)
+        through = by_cosine / cosine + by_out * ratio * ratio / cos_out
+        return half * (by_root * c / root - through * sine2_m)
+
+    @no_type_check
+    @wp.func
     def refraction(maps: vec6, eta: dtype, ratio: dtype):
         m = one + maps[1] * maps[1] + maps[2] * maps[2]
         k, k_m = inside_slope(m, eta)
@@ -144,23 +176,29 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
-    def footprint(photon: Photon, bent: Refraction, radiosity: dtype, optics: Optics):
+    def footprint(photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, radiosity: dtype, optics: Optics):
         """Footprint of a photon at one wavelength; amplitude 0 if no light lands."""
         found = Footprint(-far, -far, one, one, zero, zero)
         if bent.cosine2 > grazing:
             d = differentials(photon, bent, optics)
             column = (photon.x + d.shift * photon.maps[1] - optics.window_x) * optics.pixels_per_m_x
             row = (photon.y + d.shift * photon.maps[2] - optics.window_y) * optics.pixels_per_m_y
-            found = footprint_of(column, row, screen_covariance(d.raw, optics), optics.area * radiosity)
+            amplitude = optics.area * radiosity
+            if wp.static(has_fresnel):
+                m = one + photon.maps[1] * photon.maps[1] + photon.maps[2] * photon.maps[2]
+                amplitude *= passed(m, eta, ratio)
+            found = footprint_of(column, row, screen_covariance(d.raw, optics), amplitude)
         return found
 
     @no_type_check
     @wp.func
-    def footprint_adjoint(photon: Photon, eta: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint):
+    def footprint_adjoint(
+        photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint
+    ):
         """Gradient of the surface maps [6] from that of a footprint with light.
 
-        ``g`` is for unit amplitude, as ``pixels.gather`` gives it. ``g.amplitude`` goes nowhere: the amplitude does
-        not depend on the relief.
+        ``g`` is for unit amplitude, as ``pixels.gather`` gives it. Without Fresnel's losses ``g.amplitude`` goes
+        nowhere: the amplitude does not depend on the relief.
         """
         maps = photon.maps
         h_x = maps[1]
@@ -192,6 +230,8 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
         k_mm = inside_curvature(m, eta, bent.k)
         g_m = g_k * bent.k_m + g_shift_m * thickness * k_mm
         g_m += optics.gap * (g_shift * bent.e_m + g_shift_m * bent.e_mm)
+        if wp.static(has_fresnel):
+            g_m += f.amplitude * g.amplitude * passed_slope(m, eta, ratio)
         # --- to height, slopes and second derivatives (MAP_NAMES)
         g_vx = d.shift_m * a_x
         g_vy = d.shift_m * a_y

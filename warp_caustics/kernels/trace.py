@@ -11,8 +11,7 @@ Light ends at the edge of the plate: the footprints of a photon lattice are
 squeezed where they would reach over it. Otherwise the image's border would be
 too dark, and a reconstruction bend the whole plate to brighten it.
 
-Not modelled: Fresnel losses, a second hit of the relief, shadows that one part
-of the relief throws on another.
+Not modelled: a second hit of the relief, shadows that one part of the relief throws on another.
 """
 
 from functools import cache
@@ -21,7 +20,9 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions
+from warp_caustics.kernels.fresnel import fresnel_functions
 from warp_caustics.kernels.photons import optics_struct, photons_struct
 
 LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
@@ -39,8 +40,10 @@ FAR_PX = 1.0e6
 
 
 @cache
-def trace_kernels(dtype: Any) -> SimpleNamespace:
-    """Kernels for float32 or float64: ``trace`` and ``land``."""
+def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
+    """Kernels for float32 or float64 and some effects: ``trace`` and ``land``."""
+    has_fresnel = effects.fresnel
+    transmission = fresnel_functions(dtype).transmission
     vec2 = wp.types.vector(length=2, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
@@ -128,6 +131,15 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
+    def passed(w: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype):
+        """Share of the flux that both faces let through, relative to a flat plate in normal light."""
+        share = one
+        if wp.static(has_fresnel):
+            share = transmission(-wp.dot(w, m), -wp.dot(t, m), eta) * transmission(-t[2], wp.sqrt(q), ratio)
+        return share
+
+    @no_type_check
+    @wp.func
     def landing(x: dtype, y: dtype, h: dtype, t: vec3, q: dtype, ratio: dtype, optics: Optics):
         """Where a path meets the screen, in pixels from the window's lower corner (column, row)."""
         f = ratio / wp.sqrt(q)
@@ -192,7 +204,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             centre = landing(x, y, h, t, q, ratio, optics)
             finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(raw[0] + raw[2])
             if finite and wp.abs(centre[0]) < far and wp.abs(centre[1]) < far:
-                amplitude = lit * photons.radiosity[c]
+                amplitude = lit * photons.radiosity[c] * passed(w, m, t, q, eta, ratio)
                 record = vec6(centre[0], centre[1], covariance[0], covariance[1], covariance[2], amplitude)
         for plane in range(6):
             records[b, c, plane, p] = record[plane]
@@ -205,9 +217,12 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         # outputs
         landings: wp.array4d[dtype],
         energies: wp.array3d[dtype],
+        shares: wp.array3d[dtype],
         fates: wp.array3d[wp.int32],
     ):
-        """Screen position [px] [B, C, 2, N], flux for unit radiosity over pixel area and fate, both [B, C, N]."""
+        """Screen position [px] [B, C, 2, N]; flux for unit radiosity over pixel area, share of it that the faces
+        let through, and fate, all [B, C, N]. Light that does not get behind the plate has a share of 1.
+        """
         b, c, p = wp.tid()
         x = photons.positions[p, 0]
         y = photons.positions[p, 1]
@@ -216,8 +231,10 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         h = maps[b, 0, p]
         w, distance = incidence(x, y, h, optics)
         m = vec3(-maps[b, 1, p], -maps[b, 2, p], one)
-        t, q = refracted_slope(w, m, photons.eta[c], ratio)
+        eta = photons.eta[c]
+        t, q = refracted_slope(w, m, eta, ratio)
         lit = lit_area(w, m, distance, optics)
+        share = one
         fate = wp.static(LANDED)
         centre = vec2(far, far)
         if not (lit > zero):
@@ -228,6 +245,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             fate = wp.static(REFLECTED)
         else:
             centre = landing(x, y, h, t, q, ratio, optics)
+            share = passed(w, m, t, q, eta, ratio)
             if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
                 fate = wp.static(NOT_FINITE)
             elif (
@@ -240,6 +258,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         landings[b, c, 0, p] = centre[0]
         landings[b, c, 1, p] = centre[1]
         energies[b, c, p] = lit
+        shares[b, c, p] = share
         fates[b, c, p] = fate
 
     return SimpleNamespace(trace=trace, land=land)
