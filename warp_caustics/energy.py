@@ -31,14 +31,14 @@ def energy_budget(
 
     Returns:
         ``wavelengths_m``; ``emitted_W``, the light that falls on the plate [W]
-        (collimated: area times radiosity; point source: what its cone sends
-        onto the relief); for each fate of :data:`FATE_NAMES` the fraction of the
+        (collimated: area times radiosity; tilted or from a point source: what
+        meets the relief); for each fate of :data:`FATE_NAMES` the fraction of the
         emitted light, one number per wavelength, and the same for ``fresnel``
         where the scene has these losses: all together are 1. A fate counts the
         path's centre; ``over_border`` is the part of the landed light that is not in
         the image, because footprints of paths near the border reach over it:
-        the image holds ``landed - over_border``. For a point source ``unlit``
-        counts paths instead of light, because they carry none.
+        the image holds ``landed - over_border``. For a point source and tilted
+        light ``unlit`` counts paths instead of light, because they carry none.
 
     Raises:
         InputError: no light falls on the plate.
@@ -61,7 +61,7 @@ def energy_budget(
                 light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
                 paths[:, fate] += is_fate.sum(1)
     pixel_x, pixel_y = scene.pixel_size_m
-    if scene.is_collimated:
+    if scene.is_collimated and not scene.is_tilted:
         emitted = torch.full((channels,), scene.plate_area_m2 / (pixel_x * pixel_y), dtype=torch.float64)
     else:
         emitted = (light.sum(1) + reflected).cpu()

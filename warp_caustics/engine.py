@@ -230,8 +230,8 @@ class Engine:
 
     @cached_property
     def fused(self) -> FusedPhotons | None:
-        """The fast path for collimated light."""
-        if not self.scene.is_collimated:
+        """The fast path for collimated light from straight above."""
+        if not self.scene.is_collimated or self.scene.is_tilted:
             return None
         return FusedPhotons(self.optics, self.plan, self.device, self.dtype, self.profile)
 

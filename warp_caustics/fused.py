@@ -53,7 +53,7 @@ class FusedPhotons:
         self._variant = self._dtype, profile, plan.placement == "lattice"
         self._effects = optics.effects
         self.defers = device.type == "cuda"
-        self.is_wide = self.defers and optics.shared.sigma0 * optics.shared.pixels_per_m_x > WIDE_SIGMA_PX
+        self.is_wide = self.defers and optics.flat_sigma_px > WIDE_SIGMA_PX
         packs = self.defers and dtype == torch.float32 and 2 <= self.channels <= PACK
         self.width = self.channels if packs and self.warp_device.arch >= PACKED_ARCH else 1
         self.lanes = WIDE_LANES if self.is_wide and self.width == 1 else 1

@@ -23,8 +23,15 @@ SCENES = {
         screen_position_m=(0, 0, -5e-3),
     ),
 }
-EFFECTS = {"fresnel": True}
-SCENES |= {f"{name}, all effects": scene.model_copy(update=EFFECTS) for name, scene in SCENES.items()}
+EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.15}
+POINT_EFFECTS = {"fresnel": True, "lamp_radius_m": 0.015}
+TILT = {"light_tilt_rad": (0.1, -0.05)}
+SCENES |= {
+    **{f"{name}, all effects": SCENES[name].model_copy(update=EFFECTS) for name in ("contact", "air_near", "air_far")},
+    "point, all effects": SCENES["point"].model_copy(update=POINT_EFFECTS),
+    "tilted": SCENES["contact"].model_copy(update=TILT),
+    "tilted air_far, all effects": SCENES["air_far"].model_copy(update=EFFECTS | TILT),
+}
 PLACEMENTS = ["lattice", "stratified", "sobol", "random"]
 
 

@@ -8,9 +8,13 @@ class Effects(NamedTuple):
 
     Attributes:
         fresnel: paths lose what both faces reflect (``fresnel.py``).
+        lamp: the lamp has a size (``lamp.py``, and ``trace.py`` for light from elsewhere than straight above).
+        tilt: collimated light comes from the side; the general form alone knows that.
     """
 
     fresnel: bool = False
+    lamp: bool = False
+    tilt: bool = False
 
 
 PLAIN = Effects()

@@ -42,7 +42,7 @@ FAR_PX = 1.0e6
 @cache
 def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Kernels for float32 or float64 and some effects: ``trace`` and ``land``."""
-    has_fresnel = effects.fresnel
+    has_fresnel, has_lamp, has_tilt = effects.fresnel, effects.lamp, effects.tilt
     transmission = fresnel_functions(dtype).transmission
     vec2 = wp.types.vector(length=2, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
@@ -106,6 +106,8 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
         """Unit direction of the light at a point of the relief, and its distance from the source [m]."""
         w = vec3(zero, zero, -one)
         distance = one
+        if wp.static(has_tilt):
+            w = optics.tilt
         if optics.is_point != 0:
             to_point = vec3(x - optics.light_x, y - optics.light_y, optics.base + h - optics.light_z)
             distance = wp.sqrt(wp.dot(to_point, to_point))
@@ -117,10 +119,13 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     def lit_area(w: vec3, m: vec3, distance: dtype, optics: Optics):
         """Flux through the path's part of the plate for unit radiosity, over the pixel's area.
 
-        Collimated: the area itself. Point source: radiant intensity D^2 (unit irradiance on the nominal top
-        below the source, at distance D) times the solid angle -w.m dx dy / r^2, zero outside the cone.
+        Collimated: the area itself; slanting light, -w.m / -w_z of it, zero where it meets the back of a slope. Point
+        source: radiant intensity D^2 (unit irradiance on the nominal top below the source, at distance D) times the
+        solid angle -w.m dx dy / r^2, zero outside the cone.
         """
         area = optics.area
+        if wp.static(has_tilt):
+            area = optics.area * wp.max(wp.dot(w, m) / w[2], zero)
         if optics.is_point != 0:
             area = zero
             facing = -wp.dot(w, m)
@@ -131,12 +136,43 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
-    def passed(w: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype):
-        """Share of the flux that both faces let through, relative to a flat plate in normal light."""
+    def passed(w: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, flat: dtype):
+        """Share of the flux that both faces let through, relative to normal incidence over ``flat``."""
         share = one
         if wp.static(has_fresnel):
-            share = transmission(-wp.dot(w, m), -wp.dot(t, m), eta) * transmission(-t[2], wp.sqrt(q), ratio)
+            share = transmission(-wp.dot(w, m), -wp.dot(t, m), eta) * transmission(-t[2], wp.sqrt(q), ratio) / flat
         return share
+
+    @no_type_check
+    @wp.func
+    def lamp_differential(
+        h: dtype, w: vec3, dw: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, optics: Optics
+    ):
+        """Covariance (var_x, cov, var_y) [px^2] from a standard deviation dw of the direction of incidence."""
+        none = vec3(zero, zero, zero)
+        dt = refract_differential(w, dw, m, none, eta)
+        shift = shift_differential(h, zero, t, dt, q, ratio, optics.base, optics.gap)
+        x = shift[0] * optics.pixels_per_m_x
+        y = shift[1] * optics.pixels_per_m_y
+        return vec3(x * x, x * y, y * y)
+
+    @no_type_check
+    @wp.func
+    def lamp_covariance(
+        h: dtype, w: vec3, distance: dtype, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, optics: Optics
+    ):
+        """Covariance that a lamp of finite size adds: a level disc for a point source, else one of directions."""
+        sigma = wp.sqrt(optics.lamp_var)
+        # Two directions across the light.
+        flat = wp.sqrt(w[0] * w[0] + w[2] * w[2])
+        first = vec3(-w[2] / flat, zero, w[0] / flat)
+        second = wp.cross(w, first)
+        if optics.is_point != 0:
+            first = (w * w[0] - vec3(one, zero, zero)) / distance
+            second = (w * w[1] - vec3(zero, one, zero)) / distance
+        return lamp_differential(h, w, sigma * first, m, t, q, eta, ratio, optics) + lamp_differential(
+            h, w, sigma * second, m, t, q, eta, ratio, optics
+        )
 
     @no_type_check
     @wp.func
@@ -199,12 +235,14 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
             vx = shift_y[0] * sigma_y * optics.pixels_per_m_x
             vy = (one + shift_y[1]) * sigma_y * optics.pixels_per_m_y
             raw = vec3(ux * ux + vx * vx, ux * uy + vx * vy, uy * uy + vy * vy)
+            if wp.static(has_lamp):
+                raw += lamp_covariance(h, w, distance, m, t, q, eta, ratio, optics)
             covariance = screen_covariance(raw, optics)
             # --- where it lands [px]
             centre = landing(x, y, h, t, q, ratio, optics)
             finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(raw[0] + raw[2])
             if finite and wp.abs(centre[0]) < far and wp.abs(centre[1]) < far:
-                amplitude = lit * photons.radiosity[c] * passed(w, m, t, q, eta, ratio)
+                amplitude = lit * photons.radiosity[c] * passed(w, m, t, q, eta, ratio, photons.flat_share[c])
                 record = vec6(centre[0], centre[1], covariance[0], covariance[1], covariance[2], amplitude)
         for plane in range(6):
             records[b, c, plane, p] = record[plane]
@@ -245,7 +283,7 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
             fate = wp.static(REFLECTED)
         else:
             centre = landing(x, y, h, t, q, ratio, optics)
-            share = passed(w, m, t, q, eta, ratio)
+            share = passed(w, m, t, q, eta, ratio, photons.flat_share[c])
             if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
                 fate = wp.static(NOT_FINITE)
             elif (
