@@ -123,10 +123,14 @@ class Config(Strict):
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
+<<<<<<< HEAD
         tree = self.model_dump(mode="json")
         # Configurations from before prints could be made otherwise keep their hash.
         if tree["reliefs"]["making"] is None:
             del tree["reliefs"]["making"]
+=======
+        tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
+>>>>>>> optics
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 

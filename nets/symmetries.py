@@ -16,6 +16,7 @@ def scene_symmetries(scene: Scene) -> tuple[bool, bool, bool]:
     is_centred = [scene.screen_position_m[axis] == 0 for axis in (0, 1)]
     if not scene.is_collimated:
         is_centred = [is_centred[axis] and scene.light_position_m[axis] == 0 for axis in (0, 1)]
+    is_centred = [is_centred[axis] and scene.light_tilt_rad[axis] == 0 for axis in (0, 1)]
     is_square = scene.plate_size_m[0] == scene.plate_size_m[1]
     return is_centred[0], is_centred[1], is_square and is_centred[0] and is_centred[1]
 

@@ -107,7 +107,7 @@ def save_weights(
     record = {
         "format": FORMAT,
         "architecture": architecture.model_dump(mode="json"),
-        "scene": scene.model_dump(mode="json"),
+        "scene": scene.record(),
         "normalisation": normalisation(architecture, scene),
         "precision": dtype,
         "data_fingerprint": data_fingerprint,

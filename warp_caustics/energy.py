@@ -9,6 +9,9 @@ from warp_caustics.errors import InputError
 from warp_caustics.kernels.trace import FATE_NAMES
 from warp_caustics.simulator import CausticSimulator
 
+FRESNEL = "fresnel"
+"""Key of a budget: light that both faces reflect beyond what a flat plate does."""
+
 OVER_BORDER = "over_border"
 """Key of a budget: light of footprints that reach over the border of the image."""
 
@@ -28,13 +31,14 @@ def energy_budget(
 
     Returns:
         ``wavelengths_m``; ``emitted_W``, the light that falls on the plate [W]
-        (collimated: area times radiosity; point source: what its cone sends
-        onto the relief); for each fate of :data:`FATE_NAMES` the fraction of the
-        emitted light, one number per wavelength. A fate counts the path's
-        centre; ``over_border`` is the part of the landed light that is not in
+        (collimated: area times radiosity; tilted or from a point source: what
+        meets the relief); for each fate of :data:`FATE_NAMES` the fraction of the
+        emitted light, one number per wavelength, and the same for ``fresnel``
+        where the scene has these losses: all together are 1. A fate counts the
+        path's centre; ``over_border`` is the part of the landed light that is not in
         the image, because footprints of paths near the border reach over it:
-        the image holds ``landed - over_border``. For a point source ``unlit``
-        counts paths instead of light, because they carry none.
+        the image holds ``landed - over_border``. For a point source and tilted
+        light ``unlit`` counts paths instead of light, because they carry none.
 
     Raises:
         InputError: no light falls on the plate.
@@ -43,22 +47,24 @@ def energy_budget(
     scene = simulator.scene
     channels = scene.n_wavelengths
     light = torch.zeros(channels, len(FATE_NAMES), dtype=torch.float64, device=engine.device)
-    paths = torch.zeros_like(light)
+    paths, reflected = torch.zeros_like(light), torch.zeros_like(light[:, 0])
     batch = heights.detach().to(torch.float64)[None].contiguous()
     with warp_stream(engine.device):
         coefficients = engine.coefficients(batch)
         for chunk, positions in engine.chunks(1):
             maps = engine.maps(coefficients, chunk, positions)
-            _, energies, fates = engine.land(maps, positions)
+            landed = engine.land(maps, positions)
+            passed = landed.energies[0] * landed.shares[0]
+            reflected += (landed.energies[0] - passed).sum(1)
             for fate in range(len(FATE_NAMES)):
-                is_fate = fates[0] == fate
-                light[:, fate] += torch.where(is_fate, energies[0], 0.0).sum(1)
+                is_fate = landed.fates[0] == fate
+                light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
                 paths[:, fate] += is_fate.sum(1)
     pixel_x, pixel_y = scene.pixel_size_m
-    if scene.is_collimated:
+    if scene.is_collimated and not scene.is_tilted:
         emitted = torch.full((channels,), scene.plate_area_m2 / (pixel_x * pixel_y), dtype=torch.float64)
     else:
-        emitted = light.sum(1).cpu()
+        emitted = (light.sum(1) + reflected).cpu()
         if not bool((emitted > 0).all()):
             raise InputError(
                 f"none of {engine.plan.count} light paths meets the part of the plate that light's cone of half-angle "
@@ -75,10 +81,12 @@ def energy_budget(
         "emitted_W": emitted_W.tolist(),
         **{name: fractions[:, k].tolist() for k, name in enumerate(FATE_NAMES)},
     }
+    if scene.fresnel:
+        budget[FRESNEL] = (reflected.cpu() / emitted).tolist()
     if image is not None:
         in_image = image.detach().double().sum(dim=(1, 2)).cpu() * pixel_x * pixel_y
-        landed = fractions[:, FATE_NAMES.index("landed")]
-        over = torch.where(emitted_W > 0, landed - in_image / torch.where(emitted_W > 0, emitted_W, 1.0), 0.0)
+        on_screen = fractions[:, FATE_NAMES.index("landed")]
+        over = torch.where(emitted_W > 0, on_screen - in_image / torch.where(emitted_W > 0, emitted_W, 1.0), 0.0)
         budget[OVER_BORDER] = over.clamp_min(0.0).tolist()
     return budget
 

@@ -12,7 +12,7 @@ storing them. For collimated light all stages of a photon run in one kernel
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 import warp as wp
@@ -37,6 +37,19 @@ MAX_KEPT_PHOTONS = 2**25
 """Positions of at most so many photons are kept between calls."""
 
 
+class Landings(NamedTuple):
+    """What becomes of light paths; tensors on the engine's device."""
+
+    positions_px: torch.Tensor
+    """On the screen [px], shape [B, n_w, 2, N]."""
+    energies: torch.Tensor
+    """Flux for unit radiosity over the pixel's area, before the plate, shape [B, n_w, N]."""
+    shares: torch.Tensor
+    """Share of it that both faces let through, relative to a flat plate, shape [B, n_w, N]."""
+    fates: torch.Tensor
+    """Numbers of ``FATE_NAMES``, shape [B, n_w, N]."""
+
+
 class Engine:
     """Arrays and kernels of one scene, photon plan, device and precision.
 
@@ -59,10 +72,10 @@ class Engine:
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
         self.surface = surface_kernels(self.warp_dtype)
-        self.tracer = trace_kernels(self.warp_dtype)
         self.splatter = splat_kernels(self.warp_dtype, profile, device.type == "cpu")
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
         self.optics = Optics(scene, plan, smoothing, profile, device, dtype)
+        self.tracer = trace_kernels(self.warp_dtype, self.optics.effects)
         self._positions: dict[Chunk, torch.Tensor] = {}
         self._photons: dict[tuple[int, int], Any] = {}
         self._lattices: dict[Chunk, Any] = {}
@@ -196,28 +209,29 @@ class Engine:
         )
         return grad_records
 
-    def land(self, maps: torch.Tensor, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Screen positions [px] [B, n_w, 2, N], energies and fates [B, n_w, N] of surface maps [B, 6, N]."""
+    def land(self, maps: torch.Tensor, positions: torch.Tensor) -> Landings:
+        """Where light of surface maps [B, 6, N] lands, and what becomes of it on the way."""
         batch, _, count = maps.shape
         channels = self.scene.n_wavelengths
         landings = maps.new_empty(batch, channels, 2, count)
         energies = maps.new_empty(batch, channels, count)
+        shares = torch.empty_like(energies)
         fates = torch.empty(batch, channels, count, dtype=torch.int32, device=self.device)
         wp.launch(
             self.tracer.land,
             dim=(batch, channels, count),
             inputs=[warp_array(maps), self.photons(positions)],
-            outputs=[warp_array(landings), warp_array(energies), warp_array(fates)],
+            outputs=[warp_array(landings), warp_array(energies), warp_array(shares), warp_array(fates)],
             device=self.warp_device,
         )
-        return landings, energies, fates
+        return Landings(landings, energies, shares, fates)
 
     # -- everything -------------------------------------------------------------------------------------------
 
     @cached_property
     def fused(self) -> FusedPhotons | None:
-        """The fast path for collimated light."""
-        if not self.scene.is_collimated:
+        """The fast path for collimated light from straight above."""
+        if not self.scene.is_collimated or self.scene.is_tilted:
             return None
         return FusedPhotons(self.optics, self.plan, self.device, self.dtype, self.profile)
 

@@ -51,8 +51,9 @@ class FusedPhotons:
         self.warp_device = wp.device_from_torch(device)
         self._dtype = dtype_of(torch.finfo(dtype).bits)
         self._variant = self._dtype, profile, plan.placement == "lattice"
+        self._effects = optics.effects
         self.defers = device.type == "cuda"
-        self.is_wide = self.defers and optics.shared.sigma0 * optics.shared.pixels_per_m_x > WIDE_SIGMA_PX
+        self.is_wide = self.defers and optics.flat_sigma_px > WIDE_SIGMA_PX
         packs = self.defers and dtype == torch.float32 and 2 <= self.channels <= PACK
         self.width = self.channels if packs and self.warp_device.arch >= PACKED_ARCH else 1
         self.lanes = WIDE_LANES if self.is_wide and self.width == 1 else 1
@@ -83,14 +84,14 @@ class FusedPhotons:
             image: [W/m^2].
         """
         batch, inputs = coefficients.shape[0], [warp_array(coefficients), photons]
-        kernels = fused_kernels(*self._variant, self.width, self.lanes, self.defers)
+        kernels = fused_kernels(*self._variant, self.width, self.lanes, self.defers, self._effects)
         in_blocks = self.width > 1
         size = min(batch * photons.count, self.max_blocks) if in_blocks else batch * photons.count * self.channels
         listed = self._list(size, 2 if in_blocks else 1)
         outputs = [warp_array(image)]
         self._launch(kernels.splat_photons, (batch, photons.count, self.lanes), inputs, [*outputs, *listed])
         if self.defers:
-            deferred = fused_kernels(*self._variant, self.width, DEFERRED_LANES, False).splat_deferred
+            deferred = fused_kernels(*self._variant, self.width, DEFERRED_LANES, False, self._effects).splat_deferred
             self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
 
     def splat_adjoint(self, coefficients: torch.Tensor, photons: Any, grad_image: torch.Tensor) -> torch.Tensor:
@@ -99,14 +100,14 @@ class FusedPhotons:
         shape = batch, len(MAP_NAMES), photons.count
         grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
         inputs = [warp_array(coefficients), photons, warp_array(grad_image)]
-        kernels = fused_adjoint_kernels(*self._variant, self.adjoint_lanes, self.defers)
+        kernels = fused_adjoint_kernels(*self._variant, self.adjoint_lanes, self.defers, self._effects)
         listed = self._list(batch * photons.count * self.channels, 1)
         outputs = [warp_array(grad_maps)]
         dim = batch, photons.count, self.adjoint_lanes
         self._launch(kernels.splat_photons_adjoint, dim, inputs, [*outputs, *listed])
         if self.defers:
-            deferred = fused_adjoint_kernels(*self._variant, DEFERRED_LANES, False).splat_deferred_adjoint
-            self._launch(deferred, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
+            wide = fused_adjoint_kernels(*self._variant, DEFERRED_LANES, False, self._effects)
+            self._launch(wide.splat_deferred_adjoint, DEFERRED_DIM, [*inputs, DEFERRED_DIM[0], *listed], outputs)
         return grad_maps
 
     def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[Any], outputs: list[Any]) -> None:

@@ -7,6 +7,7 @@ import torch
 import warp as wp
 
 from warp_caustics.kernels import dtype_of
+from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.photons import optics_struct, photons_struct
 from warp_caustics.kernels.profiles import REACH
 from warp_caustics.photons import PhotonPlan
@@ -34,11 +35,55 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     return smoothing * math.sqrt(scene.plate_area_m2 / (8 * math.pi * n_photons))
 
 
+def effects_of(scene: Scene) -> Effects:
+    """Effects that a scene asks for."""
+    has_lamp = scene.lamp_half_angle_rad > 0 or scene.lamp_radius_m > 0
+    return Effects(fresnel=scene.fresnel, lamp=has_lamp, tilt=scene.is_tilted)
+
+
+def lamp_sigma(scene: Scene) -> float:
+    """Standard deviation of the lamp along an axis, half a disc's radius: of directions [rad], or of the source [m]."""
+    return math.sin(scene.lamp_half_angle_rad) / 2 if scene.is_collimated else scene.lamp_radius_m / 2
+
+
+def flat_shares(scene: Scene) -> list[float]:
+    """Share of collimated light that both faces of a flat plate let through, relative to normal incidence, [n_w].
+
+    1 for a point source: its flat plate is that right below it.
+    """
+    if not scene.is_tilted:
+        return [1.0] * scene.n_wavelengths
+    cosine = -scene.light_direction[2]
+
+    def face(cos_in: float, ratio: float) -> tuple[float, float]:
+        cos_out = math.sqrt(1 - ratio**2 * (1 - cos_in**2))
+        s, p = ratio * cos_in + cos_out, cos_in + ratio * cos_out
+        return (1 + ratio) ** 2 / 2 * cos_in * cos_out * (s**-2 + p**-2), cos_out
+
+    shares = []
+    for glass, outside in zip(scene.glass_indices, scene.exit_indices, strict=True):
+        first, inside = face(cosine, 1 / glass)
+        shares.append(first * face(inside, glass / outside)[0])
+    return shares
+
+
+def flat_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
+    """Standard deviation of the widest footprint that a flat plate shows below the lamp [m]."""
+    ways = [
+        scene.base_thickness_m / glass - scene.screen_position_m[2] / outside
+        for glass, outside in zip(scene.glass_indices, scene.exit_indices, strict=True)
+    ]
+    angle = lamp_sigma(scene) / (1.0 if scene.is_collimated else scene.light_distance_m)
+    return math.hypot(footprint_sigma_m(scene, smoothing, n_photons), angle * max(ways))
+
+
 class Optics:
     """What is the same for all photons of a plan, made once.
 
     Attributes:
         scene: where it comes from.
+        effects: what kernels are built with.
+        flat_sigma_px: standard deviation of a flat plate's footprints along x [px].
         shared: struct ``Optics``; :meth:`photons` copies it.
     """
 
@@ -51,7 +96,7 @@ class Optics:
         device: torch.device,
         dtype: torch.dtype,
     ):
-        self.scene = scene
+        self.scene, self.effects = scene, effects_of(scene)
         warp_dtype = dtype_of(torch.finfo(dtype).bits)
 
         def per_wavelength(values: list[float]) -> Any:
@@ -61,7 +106,9 @@ class Optics:
         self._eta = per_wavelength([1 / n for n in indices])
         self._ratio = per_wavelength([n / e for n, e in zip(indices, exits, strict=True)])
         self._radiosity = per_wavelength(list(scene.radiosity_W_m2))
+        self._flat_share = per_wavelength(flat_shares(scene))
         self._struct = photons_struct(warp_dtype)
+        self.flat_sigma_px = flat_sigma_m(scene, smoothing, plan.count) / scene.pixel_size_m[0]
         self.shared = _shared(optics_struct(warp_dtype)(), scene, plan, smoothing, profile)
 
     def photons(self, positions: torch.Tensor, count: int | None = None, columns: int = 0) -> Any:
@@ -74,6 +121,7 @@ class Optics:
         photons.samples_per_m_x, photons.samples_per_m_y = 1 / pitch_x, 1 / pitch_y
         photons.samples = self.scene.height_samples
         photons.eta, photons.ratio, photons.radiosity = self._eta, self._ratio, self._radiosity
+        photons.flat_share = self._flat_share
         photons.optics = self.shared
         return photons
 
@@ -100,11 +148,14 @@ def _shared(optics: Any, scene: Scene, plan: PhotonPlan, smoothing: float, profi
     optics.squeeze = REACH[profile] if plan.placement == "lattice" and is_fine else 0.0
     optics.min_var = MIN_SIGMA_PX**2
     optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
-    flat_pixels = math.prod(2 * REACH[profile] * optics.sigma0 / size + 1 for size in (pixel_x, pixel_y))
+    flat = flat_sigma_m(scene, smoothing, plan.count)
+    flat_pixels = math.prod(2 * REACH[profile] * flat / size + 1 for size in (pixel_x, pixel_y))
     optics.wide_pixels = max(WIDE_PIXELS, 4 * flat_pixels)
     optics.area = scene.plate_area_m2 / plan.count / (pixel_x * pixel_y)
+    optics.lamp_var = lamp_sigma(scene) ** 2
+    optics.tilt = scene.light_direction
     optics.is_point = int(not scene.is_collimated)
     optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
-    optics.light_distance = scene.light_position_m[2] - scene.base_thickness_m
+    optics.light_distance = scene.light_distance_m
     optics.cos_cone = math.cos(scene.emission_half_angle_rad)
     return optics

@@ -72,14 +72,20 @@ def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene
     return spline_basis(v - index) @ coefficients @ spline_basis(u - index)
 
 
-def screen_position(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
-    """Where the path through a point of the relief meets the screen [m], shape [2] -> [2]; NaN if reflected."""
+def screen_position(
+    point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int, aside: torch.Tensor | None = None
+) -> torch.Tensor:
+    """Where the path through a point of the relief meets the screen [m], shape [2] -> [2]; NaN if reflected.
+
+    ``aside``, shape [2], moves the light: a point source by so much along x and y [m], collimated light by so much
+    along the unit vectors of :func:`across` [rad].
+    """
     height = surface_height(point, coefficients, scene)  # scalar [m]
     slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
     position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
     normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
     normal = normal / torch.linalg.vector_norm(normal)  # [3]
-    direction = incident_direction(position, scene)  # [3]
+    direction = incident_direction(position, scene, aside)  # [3]
     inside = refract(direction, normal, 1.0, scene.glass_indices[channel])  # [3]
     position = position + inside * (position[2] / -inside[2])  # [3], on the bottom face
     upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
@@ -88,13 +94,26 @@ def screen_position(point: torch.Tensor, coefficients: torch.Tensor, scene: Scen
     return position[:2]
 
 
-def incident_direction(position: torch.Tensor, scene: Scene) -> torch.Tensor:
-    """Unit direction of the light at a position [m], shape [3]."""
+def incident_direction(position: torch.Tensor, scene: Scene, aside: torch.Tensor | None = None) -> torch.Tensor:
+    """Unit direction of the light at a position [m], shape [3]; ``aside`` as for :func:`screen_position`."""
     if scene.is_collimated:
-        return torch.tensor([0.0, 0.0, -1.0], dtype=torch.float64)
-    ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
+        slopes = [math.tan(angle) for angle in scene.light_tilt_rad]
+        ray = torch.tensor([*slopes, -1.0], dtype=torch.float64)
+        if aside is not None:
+            ray = ray / torch.linalg.vector_norm(ray) + aside @ across(ray)
+    else:
+        ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
+        if aside is not None:
+            ray = ray - torch.cat([aside, torch.zeros(1, dtype=torch.float64)])
     unit: torch.Tensor = ray / torch.linalg.vector_norm(ray)
     return unit
+
+
+def across(ray: torch.Tensor) -> torch.Tensor:
+    """Two unit vectors at right angles to a ray [3] and to each other, shape [2, 3]."""
+    _, _, vectors = torch.linalg.svd(ray[None])
+    basis: torch.Tensor = vectors[1:]
+    return basis
 
 
 def refract(direction: torch.Tensor, normal: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
@@ -107,17 +126,74 @@ def refract(direction: torch.Tensor, normal: torch.Tensor, n_before: float, n_be
 
 def path_weight(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:
     """Irradiance on the (x, y) plane per unit radiosity at a point of the relief."""
-    if scene.is_collimated:
+    if scene.is_collimated and not any(scene.light_tilt_rad):
         return torch.ones((), dtype=torch.float64)
     height = surface_height(point, coefficients, scene)  # scalar [m]
     slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
     position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
+    if scene.is_collimated:
+        ray = incident_direction(position, scene)
+        return torch.relu((ray @ torch.cat([-slope, torch.ones(1, dtype=torch.float64)])) / ray[2])
     ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
     distance = torch.linalg.vector_norm(ray)
     facing = -(ray @ torch.cat([-slope, torch.ones(1, dtype=torch.float64)])) / distance
     nominal = scene.light_position_m[2] - scene.base_thickness_m
     in_cone = -ray[2] / distance >= math.cos(scene.emission_half_angle_rad)
     return torch.where(in_cone, torch.relu(facing) * (nominal / distance) ** 2, torch.zeros_like(facing))
+
+
+def passed_share(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
+    """Share of the flux that both faces let through at a point of the relief, over that of a flat plate [1].
+
+    Each face takes the light as unpolarised. The flat plate is seen by collimated light as it comes, and right below
+    a point source.
+    """
+    if not scene.fresnel:
+        return torch.ones((), dtype=torch.float64)
+    height = surface_height(point, coefficients, scene)  # scalar [m]
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
+    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
+    normal = normal / torch.linalg.vector_norm(normal)  # [3]
+    upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    glass, outside = scene.glass_indices[channel], scene.exit_indices[channel]
+    direction = incident_direction(position, scene)  # [3]
+    straight = direction if scene.is_collimated else -upward  # [3]
+
+    def through(ray: torch.Tensor, facing: torch.Tensor) -> torch.Tensor:
+        inside = refract(ray, facing, 1.0, glass)  # [3]
+        first = 1 - reflectance(-(ray @ facing), 1.0, glass)
+        return first * (1 - reflectance(-(inside @ upward), glass, outside))
+
+    return through(direction, normal) / through(straight, upward)
+
+
+def reflectance(cosine: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
+    """Part of unpolarised light that a face reflects, by Fresnel's amplitudes; NaN at total reflection."""
+    behind = torch.sqrt(1 - (n_before / n_behind) ** 2 * (1 - cosine**2))
+    across = (n_before * cosine - n_behind * behind) / (n_before * cosine + n_behind * behind)
+    within = (n_behind * cosine - n_before * behind) / (n_behind * cosine + n_before * behind)
+    return (across**2 + within**2) / 2
+
+
+def lamp_covariance(positions: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
+    """What a lamp of finite size adds to footprints [px^2], shape [N, 2, 2], from positions [N, 2] [m].
+
+    A uniform disc of radius r has the variance r^2 / 4 along each axis.
+    """
+    radius = math.sin(scene.lamp_half_angle_rad) if scene.is_collimated else scene.lamp_radius_m
+    pixel = torch.tensor(scene.pixel_size_m, dtype=torch.float64)  # [2]
+    still = torch.zeros(2, dtype=torch.float64)
+
+    def moved(point: torch.Tensor) -> torch.Tensor:
+        def landing(aside: torch.Tensor) -> torch.Tensor:
+            return screen_position(point, coefficients, scene, channel, aside)
+
+        found: torch.Tensor = torch.func.jacfwd(landing)(still)
+        return found
+
+    spread = torch.vmap(moved)(positions) / pixel[:, None] * radius / 2  # [N, 2, 2], per standard deviation [px]
+    return spread @ spread.transpose(1, 2)
 
 
 def profile_distribution(t: torch.Tensor, profile: Profile) -> torch.Tensor:
@@ -189,12 +265,13 @@ def oracle_image(
         centre = (torch.vmap(landing)(positions) - corner) / pixel  # [N, 2]
         jacobian = torch.vmap(torch.func.jacfwd(landing))(positions)  # [N, 2, 2]
         spread = jacobian / pixel[:, None] * sigma[:, None, :]  # [N, 2, 2], per standard deviation on the plate [px]
-        covariance = spread @ spread.transpose(1, 2)  # [N, 2, 2]
+        covariance = spread @ spread.transpose(1, 2) + lamp_covariance(positions, coefficients, scene, c)  # [N, 2, 2]
         trace = covariance.diagonal(dim1=1, dim2=2).sum(1)  # [N]
         largest = (_LARGEST_SIGMA * scene.image_pixels) ** 2
         covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
         covariance = covariance + _LEAST_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
         keep = torch.isfinite(centre).all(1) & (weight > 0)  # [N]
+        passed = torch.vmap(lambda p, channel=c: passed_share(p, coefficients, scene, channel))(positions)  # [N]
         shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)  # [N, m, m]
-        channels.append(torch.einsum("p,pij->ij", weight[keep], shares) * scene.radiosity_W_m2[c])
+        channels.append(torch.einsum("p,pij->ij", (weight * passed)[keep], shares) * scene.radiosity_W_m2[c])
     return torch.stack(channels)

@@ -8,7 +8,7 @@ name of each field carries its unit.
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 from pydantic import AfterValidator, Field, field_validator, model_validator
@@ -20,6 +20,12 @@ from warp_caustics.strict import Finite, Strict
 MIN_PHYSICAL_INDEX, MAX_PHYSICAL_INDEX = 1.0, 4.0
 MAX_LENGTH_M = 10.0
 MAX_PLATE_M = 1.0
+MAX_LAMP_HALF_ANGLE_RAD = 0.2
+"""Largest lamp seen from the plate, half the angle [rad]: blur by its second moment, to first order."""
+
+MAX_TILT_RAD = 0.25
+"""Largest tilt of collimated light along an axis [rad]: slopes of up to 4, the steepest of printed lines, are lit."""
+
 MIN_RADIOSITY_W_M2, MAX_RADIOSITY_W_M2 = 1e-12, 1e12
 """Beyond, squares of an irradiance leave 32-bit floats."""
 
@@ -61,6 +67,9 @@ def _check_radiosity(value: float) -> float:
     return value
 
 
+LATER_FIELDS = ("light_tilt_rad", "lamp_half_angle_rad", "lamp_radius_m", "fresnel")
+"""Fields that data sets and weights of the first format do not know."""
+
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
 PlateLength = Annotated[Finite, AfterValidator(_check_plate_length)]
 Radiosity = Annotated[Finite, AfterValidator(_check_radiosity)]
@@ -94,6 +103,14 @@ class Scene(Strict):
     """Glass of plate and relief: a name or a constant refractive index."""
     exit_medium: Medium = "air"
     """Medium between plate and screen: ``"air"``, ``"glass"`` (screen in optical contact), a glass name or an index."""
+    light_tilt_rad: tuple[Finite, Finite] = (0.0, 0.0)
+    """(a_x, a_y): collimated light travels along (tan a_x, tan a_y, -1) [rad]; plate, relief and window stay."""
+    lamp_half_angle_rad: Annotated[Finite, Field(ge=0)] = 0.0
+    """Half the angle under which collimated light's round lamp is seen from the plate [rad]; 0 is a point."""
+    lamp_radius_m: Annotated[Finite, Field(ge=0)] = 0.0
+    """Radius of a point source's lamp, a level disc at ``light_position_m`` [m]; 0 is a point."""
+    fresnel: bool = False
+    """Whether steep glass reflects more: Fresnel's losses at both faces, relative to a flat plate."""
 
     @field_validator("glass")
     @classmethod
@@ -147,7 +164,51 @@ class Scene(Strict):
                 )
         if self.glass_indices.count(1.0):
             raise ValueError("a glass of index 1 refracts no light; give an index above 1")
+        self._check_lamp()
         return self
+
+    def _check_lamp(self) -> None:
+        """A lamp and a tilt that the model holds for."""
+        if not self.is_collimated:
+            if self.is_tilted or self.lamp_half_angle_rad:
+                key, value = ("light_tilt_rad", list(self.light_tilt_rad)) if self.is_tilted else (
+                    "lamp_half_angle_rad", self.lamp_half_angle_rad
+                )  # fmt: skip
+                instead = "light_position_m" if self.is_tilted else "lamp_radius_m"
+                raise ValueError(f"{key} {value} is for collimated light; for a point source set scene.{instead}")
+            largest = MAX_LAMP_HALF_ANGLE_RAD * self.light_distance_m
+            if self.lamp_radius_m > largest:
+                raise ValueError(
+                    f"lamp of radius {self.lamp_radius_m:g} m is too large for its distance of "
+                    f"{self.light_distance_m:g} m from the plate; use at most {largest:.3g}, or move "
+                    "scene.light_position_m away"
+                )
+            return
+        if self.lamp_radius_m:
+            raise ValueError(
+                f"lamp_radius_m {self.lamp_radius_m:g} is for a point source; for collimated light set "
+                "scene.lamp_half_angle_rad, the lamp's radius over the collimator's focal length"
+            )
+        if max(map(abs, self.light_tilt_rad)) > MAX_TILT_RAD:
+            raise ValueError(
+                f"light_tilt_rad {list(self.light_tilt_rad)} is beyond {MAX_TILT_RAD:g}, where slopes of the relief "
+                f"throw shadows that are not modelled; use -{MAX_TILT_RAD:g} to {MAX_TILT_RAD:g} (1 degree is 0.01745)"
+            )
+        if self.lamp_half_angle_rad > MAX_LAMP_HALF_ANGLE_RAD:
+            behind = self.lamp_half_angle_rad + math.acos(-self.light_direction[2]) >= math.pi / 2
+            why = "reaches behind the plate" if behind else "is too large for the model, which is of first order"
+            raise ValueError(
+                f"lamp of half angle {self.lamp_half_angle_rad:g} rad {why}; use at most "
+                f"{MAX_LAMP_HALF_ANGLE_RAD:g} (1 degree is 0.01745)"
+            )
+
+    def record(self) -> dict[str, Any]:
+        """JSON values of what defines the scene, for files and hashes.
+
+        Without :data:`LATER_FIELDS` that have their default: what was written before they were there stays the same.
+        """
+        usual = {key for key in LATER_FIELDS if getattr(self, key) == Scene.model_fields[key].default}
+        return self.model_dump(mode="json", exclude=usual)
 
     @property
     def n_wavelengths(self) -> int:
@@ -157,6 +218,37 @@ class Scene(Strict):
     @property
     def is_collimated(self) -> bool:
         return self.emission_half_angle_rad == 0.0
+
+    @property
+    def is_tilted(self) -> bool:
+        return any(self.light_tilt_rad)
+
+    @property
+    def light_direction(self) -> tuple[float, float, float]:
+        """Unit vector along which collimated light travels."""
+        x, y = (math.tan(angle) for angle in self.light_tilt_rad)
+        length = math.sqrt(x * x + y * y + 1)
+        return x / length, y / length, -1 / length
+
+    @property
+    def light_distance_m(self) -> float:
+        """Distance of the point source from the nominal top of the plate [m]."""
+        return self.light_position_m[2] - self.base_thickness_m
+
+    @property
+    def flat_shift_m(self) -> tuple[tuple[float, float], ...]:
+        """By how much tilted light moves the image of a flat plate along x and y, per wavelength [m], shape [n_w, 2].
+
+        The window stays where ``screen_position_m`` says; moved by this it is below the plate's image again.
+        """
+        x, y, _ = self.light_direction
+        found = []
+        for glass, outside in zip(self.glass_indices, self.exit_indices, strict=True):
+            sine2 = x * x + y * y
+            way = self.base_thickness_m / math.sqrt(glass**2 - sine2)
+            way -= self.screen_position_m[2] / math.sqrt(outside**2 - sine2)
+            found.append((x * way, y * way))
+        return tuple(found)
 
     @property
     def plate_area_m2(self) -> float:

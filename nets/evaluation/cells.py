@@ -67,7 +67,7 @@ def cell_key(
         "format": FORMAT,
         "code": code_version(),
         "field": dict(content),
-        "scene": scene.model_dump(mode="json"),
+        "scene": scene.record(),
         "n_photons": n_photons,
         "stages": stages,
         # Methods choose image sizes by it, and times of different devices are no comparison.

@@ -166,7 +166,7 @@ def _image_key(source: Source, scene: Scene, photons: PhotonConfig, noise: float
     content = {
         "heights": array_hash(source.heights_m),
         "keys": source.keys,
-        "scene": scene.model_dump(mode="json"),
+        "scene": scene.record(),
         "photons": photons.model_dump(),
         "noise": noise,
         "code": code_version(),

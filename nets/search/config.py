@@ -61,7 +61,7 @@ def trial_run(search: SearchConfig, values: Mapping[str, Any], total_steps: int)
 
 def identity(search: SearchConfig) -> dict[str, Any]:
     """What must be equal for trials to compare, as dotted keys: all but sampler, time, and where the data lie."""
-    tree = search.run.model_dump(mode="json")
+    tree = search.run.model_dump(mode="json") | {"scene": search.run.scene.record()}
     tree["network"].pop("network")
     for name in ("learning_rate", "lambda_tv", "total_steps", "data_workers", "log_every_steps"):
         tree["training"].pop(name)

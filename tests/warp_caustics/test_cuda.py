@@ -16,6 +16,9 @@ pytestmark = [
 
 FAR = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 POINT = FAR.model_copy(update={"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9})
+EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02}
+TILTED = FAR.model_copy(update=EFFECTS | {"light_tilt_rad": (0.1, -0.05)})
+POINT_EFFECTS = POINT.model_copy(update={"fresnel": True, "lamp_radius_m": 0.01})
 
 
 def bumpy(batch=None):
@@ -35,7 +38,11 @@ def gradient(simulator, heights):
     return image.detach().cpu().double(), leaf.grad.cpu().double()
 
 
-@pytest.mark.parametrize("scene", [FAR, POINT], ids=["far", "point"])
+@pytest.mark.parametrize(
+    "scene",
+    [FAR, POINT, FAR.model_copy(update=EFFECTS), POINT_EFFECTS, TILTED],
+    ids=["far", "point", "far, all effects", "point, all effects", "tilted, all effects"],
+)
 @pytest.mark.parametrize("placement", ["lattice", "stratified", "sobol", "random"])
 @pytest.mark.parametrize("profile", ["gaussian", "spline"])
 def test_image_and_gradient_match_the_oracle(scene, placement, profile):

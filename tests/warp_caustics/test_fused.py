@@ -8,6 +8,8 @@ from warp_caustics.oracle import oracle_image
 
 SCENE = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 
+ALL_EFFECTS = SCENE.model_copy(update={"fresnel": True, "lamp_half_angle_rad": 0.02})
+
 
 def add_together(fused):
     """All wavelengths of a photon at once, as on GPUs: these always leave wide footprints to a second launch."""
@@ -57,11 +59,15 @@ def image_and_gradient(
     ],
     ids=["several lanes", "all deferred", "some deferred", "lanes and deferred"],
 )
-@pytest.mark.parametrize("profile", ["spline", "gaussian"])
-def test_variant_changes_nothing(placement, variant, profile):
+@pytest.mark.parametrize(
+    ("profile", "scene"),
+    [("spline", SCENE), ("gaussian", SCENE), ("spline", ALL_EFFECTS)],
+    ids=["spline", "gaussian", "all effects"],
+)
+def test_variant_changes_nothing(placement, variant, profile, scene):
     """Sharing a footprint between threads, or leaving it to another kernel, only changes the order of sums."""
-    expected = image_and_gradient(profile=profile, placement=placement)
-    found = image_and_gradient(profile=profile, placement=placement, **variant)
+    expected = image_and_gradient(profile=profile, placement=placement, scene=scene)
+    found = image_and_gradient(profile=profile, placement=placement, scene=scene, **variant)
     for a, b in zip(found, expected, strict=True):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
 
@@ -81,6 +87,7 @@ def with_wavelengths(count, **changes):
 PACKED_SCENES = {
     "three channels": (SCENE, None),
     "all in blocks": (SCENE, 0.0),
+    "all effects": (ALL_EFFECTS, 6.0),
     "some in blocks": (SCENE, 6.0),
     "two channels, one dark": (with_wavelengths(2), 6.0),
     "four channels, one dark": (with_wavelengths(4), 6.0),
@@ -137,9 +144,10 @@ def test_a_full_list_of_blocks_loses_nothing(slots):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
 
 
-def test_packed_image_and_gradient_match_the_oracle():
+@pytest.mark.parametrize("scene", [SCENE, ALL_EFFECTS], ids=["plain", "all effects"])
+def test_packed_image_and_gradient_match_the_oracle(scene):
     """float64 to 1e-10 of the largest value, several blocks of rows per footprint included."""
-    scene = SCENE.model_copy(update={"image_pixels": 80})
+    scene = scene.model_copy(update={"image_pixels": 80})
     simulator = CausticSimulator(scene, n_photons=400, smoothing=6.0, dtype=torch.float64)
     add_together(simulator.engine.fused)
     simulator.engine.optics.shared.wide_pixels = 30.0

@@ -23,6 +23,15 @@ SCENES = {
         screen_position_m=(0, 0, -5e-3),
     ),
 }
+EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.15}
+POINT_EFFECTS = {"fresnel": True, "lamp_radius_m": 0.015}
+TILT = {"light_tilt_rad": (0.1, -0.05)}
+SCENES |= {
+    **{f"{name}, all effects": SCENES[name].model_copy(update=EFFECTS) for name in ("contact", "air_near", "air_far")},
+    "point, all effects": SCENES["point"].model_copy(update=POINT_EFFECTS),
+    "tilted": SCENES["contact"].model_copy(update=TILT),
+    "tilted air_far, all effects": SCENES["air_far"].model_copy(update=EFFECTS | TILT),
+}
 PLACEMENTS = ["lattice", "stratified", "sobol", "random"]
 
 
@@ -30,6 +39,11 @@ def bumpy_heights(n=10, seed=0, amplitude=2e-4):
     """A relief with slopes to about 0.2: folds a far caustic, loses no light to total reflection."""
     generator = torch.Generator().manual_seed(seed)
     return amplitude * torch.randn(n, n, generator=generator, dtype=torch.float64).abs()
+
+
+def relief_of(name):
+    """Steeper where effects depend on the slopes: without their part the gradient would be wrong by a hundredth."""
+    return bumpy_heights(amplitude=6e-4 if name.endswith("effects") else 2e-4)
 
 
 def random_image(scene, seed=1):
@@ -54,7 +68,7 @@ def gradient(simulator, heights, weights):
 @pytest.mark.parametrize(("placement", "profile"), [("lattice", "spline"), ("random", "gaussian")])
 def test_gradient_matches_central_differences(name, placement, profile):
     """Along 32 random directions, to 1e-5 relative."""
-    scene, heights = SCENES[name], bumpy_heights()
+    scene, heights = SCENES[name], relief_of(name)
     simulator, weights = make(scene, placement, profile=profile), random_image(scene)
     _, grad = gradient(simulator, heights, weights)
     generator = torch.Generator().manual_seed(2)
@@ -74,7 +88,7 @@ def test_gradient_matches_central_differences(name, placement, profile):
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_image_and_gradient_match_the_oracle(name, placement, profile):
     """Torch route against the float64 oracle, to 1e-8 of the largest value."""
-    scene, heights = SCENES[name], bumpy_heights()
+    scene, heights = SCENES[name], relief_of(name)
     simulator, weights = make(scene, placement, n_photons=450, profile=profile), random_image(scene)
     image, grad = gradient(simulator, heights, weights)
     ((_, positions),) = simulator.engine.chunks(1)
@@ -93,7 +107,7 @@ def assert_close(found, expected, relative):
 @pytest.mark.parametrize("name", SCENES)
 def test_tape_equals_torch(name):
     """Tape and torch routes agree to 1e-12, image and gradient."""
-    scene, heights = SCENES[name], bumpy_heights()
+    scene, heights = SCENES[name], relief_of(name)
     simulator, weights = make(scene), random_image(scene)
     image, grad = gradient(simulator, heights, weights)
     on_tape = wp.array(heights[None].numpy(), dtype=wp.float64, device="cpu", requires_grad=True)
@@ -105,9 +119,10 @@ def test_tape_equals_torch(name):
     assert_close(torch.from_numpy(on_tape.grad.numpy()[0]), grad, 1e-12)
 
 
-def test_torch_gradcheck():
+@pytest.mark.parametrize("effects", [{}, EFFECTS], ids=["plain", "all effects"])
+def test_torch_gradcheck(effects):
     """torch.autograd.gradcheck through the whole simulation of a 4 x 4 relief."""
-    scene = Scene(height_samples=4, image_pixels=6, wavelengths_m=(530e-9,), radiosity_W_m2=(1.0,))
+    scene = Scene(height_samples=4, image_pixels=6, wavelengths_m=(530e-9,), radiosity_W_m2=(1.0,), **effects)
     simulator = make(scene, n_photons=100, smoothing=4.0)
     heights = (bumpy_heights(4) * 1e3).requires_grad_()  # in millimetres, so that steps of 1e-6 are small
     assert torch.autograd.gradcheck(lambda mm: simulator(mm * 1e-3), heights, eps=1e-6, atol=1e-5, rtol=1e-4)
@@ -116,7 +131,7 @@ def test_torch_gradcheck():
 @pytest.mark.parametrize("name", SCENES)
 def test_float32_agrees_with_float64(name):
     """Relative error of image and gradient at most 1e-3."""
-    scene, heights, weights = SCENES[name], bumpy_heights(), random_image(SCENES[name])
+    scene, heights, weights = SCENES[name], relief_of(name), random_image(SCENES[name])
     expected = gradient(make(scene), heights, weights)
     found = gradient(make(scene, dtype=torch.float32), heights.float(), weights.float())
     for single, double in zip(found, expected, strict=True):
@@ -124,9 +139,10 @@ def test_float32_agrees_with_float64(name):
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
-def test_batch_of_three_equals_three_singles(placement):
+@pytest.mark.parametrize("name", ["air_far", "air_far, all effects"])
+def test_batch_of_three_equals_three_singles(placement, name):
     """Image and gradient of a batch are those of its members."""
-    scene = SCENES["air_far"]
+    scene = SCENES[name]
     simulator, weights = make(scene, placement), random_image(scene)
     stack = torch.stack([bumpy_heights(seed=k) for k in range(3)])
     images, grads = gradient(simulator, stack, weights)
@@ -137,9 +153,10 @@ def test_batch_of_three_equals_three_singles(placement):
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
-def test_chunks_change_nothing(placement, monkeypatch):
+@pytest.mark.parametrize("name", ["point", "point, all effects"])
+def test_chunks_change_nothing(placement, name, monkeypatch):
     """Many small chunks give what one chunk gives: memory is bounded, the result is not."""
-    scene, heights = SCENES["point"], bumpy_heights()
+    scene, heights = SCENES[name], relief_of(name)
     weights = random_image(scene)
     whole = gradient(make(scene, placement), heights, weights)
     monkeypatch.setitem(CHUNK_BYTES, "cpu", 24 * 8 * 37)
@@ -149,17 +166,19 @@ def test_chunks_change_nothing(placement, monkeypatch):
         assert_close(found, expected, 1e-12)
 
 
-def test_second_backward_equals_first():
+@pytest.mark.parametrize("name", ["contact", "contact, all effects"])
+def test_second_backward_equals_first(name):
     """No stale accumulation between calls."""
-    scene, heights = SCENES["contact"], bumpy_heights()
+    scene, heights = SCENES[name], relief_of(name)
     simulator, weights = make(scene, "random"), random_image(scene)
     first, second = (gradient(simulator, heights, weights)[1] for _ in range(2))
     assert torch.equal(first, second)
 
 
-def test_gradient_is_finite_where_light_is_lost():
+@pytest.mark.parametrize("effects", [{}, EFFECTS], ids=["plain", "all effects"])
+def test_gradient_is_finite_where_light_is_lost(effects):
     """Total reflection and paths beside the screen leave no NaN."""
-    scene = Scene(height_samples=10, image_pixels=20, screen_position_m=(0, 0, -0.05))
+    scene = Scene(height_samples=10, image_pixels=20, screen_position_m=(0, 0, -0.05), **effects)
     heights = bumpy_heights(amplitude=4e-3)
     image, grad = gradient(make(scene), heights, random_image(scene))
     assert torch.isfinite(image).all()

@@ -31,7 +31,7 @@ def paths(simulator, heights):
     """Landing points [m] [n_w, N] of all photons, and their starting points."""
     engine, scene = simulator.engine, simulator.scene
     ((chunk, positions),) = engine.chunks(1)
-    landings, _, fates = engine.land(engine.maps(engine.coefficients(heights[None]), chunk, positions), positions)
+    landings, _, _, fates = engine.land(engine.maps(engine.coefficients(heights[None]), chunk, positions), positions)
     corner = np.array(scene.screen_position_m[:2]) - np.array(scene.plate_size_m) / 2
     metres = landings[0].numpy() * np.array(scene.pixel_size_m)[:, None] + corner[:, None]
     return metres[:, 0], metres[:, 1], positions.numpy(), fates[0].numpy()

@@ -33,7 +33,7 @@ def test_paths_land_where_the_other_renderer_says(case):
     positions = torch.from_numpy(np.stack([trace["x"].ravel(), trace["y"].ravel()], axis=1))
     coefficients = engine.coefficients(load_heights(case)[None])
     maps = engine.maps(coefficients, Chunk(0, len(positions)), positions)
-    landings, _, fates = engine.land(maps, positions)
+    landings, _, _, fates = engine.land(maps, positions)
     assert not fates.any()
     np.testing.assert_allclose(maps[0, 0] + SCENE.base_thickness_m, trace["z"].ravel(), atol=1e-12)
     np.testing.assert_allclose(maps[0, 1], trace["slope_x"].ravel(), atol=1e-9)

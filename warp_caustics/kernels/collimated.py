@@ -15,8 +15,8 @@ So a wavelength costs a few square roots, and the adjoint is short enough to be
 written by hand. ``trace.py`` is the general form, whose derivative is Warp's; both
 are tested against the oracle.
 
-Not modelled here: light that does not come along -z, Fresnel losses, a second hit
-of the relief.
+What the faces let through (``fresnel.py``) and how far a lamp of finite size blurs (``lamp.py``) follow from M, T and
+grad h too. Not modelled here: light that does not come along -z.
 """
 
 from functools import cache
@@ -26,15 +26,23 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
+from warp_caustics.kernels.fresnel import fresnel_functions
+from warp_caustics.kernels.lamp import lamp_functions
 from warp_caustics.kernels.photons import optics_struct
 from warp_caustics.kernels.surface import photon_struct
 from warp_caustics.kernels.trace import FAR_PX, GRAZING
 
 
 @cache
-def collimated_functions(dtype: Any) -> SimpleNamespace:
+def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``refraction``, ``footprint`` and ``footprint_adjoint``."""
+    has_fresnel, has_lamp = effects.fresnel, effects.lamp
+    fresnel = fresnel_functions(dtype)
+    transmission, transmission_slopes = fresnel.transmission, fresnel.transmission_slopes
+    lamp = lamp_functions(dtype)
+    lamp_covariance, lamp_covariance_adjoint = lamp.lamp_covariance, lamp.lamp_covariance_adjoint
     Optics = optics_struct(dtype)
     Photon = photon_struct(dtype)
     Footprint = footprint_struct(dtype, 0)
@@ -70,7 +78,7 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
         j_xy: dtype
         j_yx: dtype
         j_yy: dtype
-        raw: vec3  # J J^T: var_x, cov, var_y [px^2]
+        raw: vec3  # J J^T and what the lamp adds: var_x, cov, var_y [px^2]
 
     Refraction = specialised(Refraction, dtype)
     Differentials = specialised(Differentials, dtype)
@@ -115,6 +123,33 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
+    def passed(m: dtype, eta: dtype, ratio: dtype):
+        """Share of the flux that both faces let through, relative to a flat plate."""
+        c = one - eta * eta
+        root = wp.sqrt(eta * eta + c * m)
+        g = c / (root + eta)
+        sine2 = g * g * (m - one)
+        cos_out = wp.sqrt(one - ratio * ratio * sine2)
+        return transmission(one, root, eta) * transmission(wp.sqrt(one - sine2), cos_out, ratio)
+
+    @no_type_check
+    @wp.func
+    def passed_slope(m: dtype, eta: dtype, ratio: dtype):
+        """Derivative by M of the logarithm of ``passed``."""
+        c = one - eta * eta
+        root = wp.sqrt(eta * eta + c * m)
+        g = c / (root + eta)
+        sine2 = g * g * (m - one)
+        sine2_m = g * g * (one - g * (m - one) / root)
+        cosine = wp.sqrt(one - sine2)
+        cos_out = wp.sqrt(one - ratio * ratio * sine2)
+        _, by_root = transmission_slopes(one, root, eta)
+        by_cosine, by_out = transmission_slopes(cosine, cos_out, ratio)
+        through = by_cosine / cosine + by_out * ratio * ratio / cos_out
+        return half * (by_root * c / root - through * sine2_m)
+
+    @no_type_check
+    @wp.func
     def refraction(maps: vec6, eta: dtype, ratio: dtype):
         m = one + maps[1] * maps[1] + maps[2] * maps[2]
         k, k_m = inside_slope(m, eta)
@@ -123,7 +158,7 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
-    def differentials(photon: Photon, bent: Refraction, optics: Optics):
+    def differentials(photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, optics: Optics):
         """Shift between relief and screen, and the Jacobian of plate -> screen."""
         maps = photon.maps
         h_x = maps[1]
@@ -140,34 +175,42 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
         j_yx = (shift * maps[4] + h_y * w_x) * scale_x * optics.pixels_per_m_y
         j_yy = (one + shift * maps[5] + h_y * w_y) * scale_y * optics.pixels_per_m_y
         raw = vec3(j_xx * j_xx + j_xy * j_xy, j_xx * j_yx + j_xy * j_yy, j_yx * j_yx + j_yy * j_yy)
+        if wp.static(has_lamp):
+            raw += lamp_covariance(maps, eta, ratio, optics)
         return Differentials(shift, shift_m, w_x, w_y, j_xx, j_xy, j_yx, j_yy, raw)
 
     @no_type_check
     @wp.func
-    def footprint(photon: Photon, bent: Refraction, radiosity: dtype, optics: Optics):
+    def footprint(photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, radiosity: dtype, optics: Optics):
         """Footprint of a photon at one wavelength; amplitude 0 if no light lands."""
         found = Footprint(-far, -far, one, one, zero, zero)
         if bent.cosine2 > grazing:
-            d = differentials(photon, bent, optics)
+            d = differentials(photon, eta, ratio, bent, optics)
             column = (photon.x + d.shift * photon.maps[1] - optics.window_x) * optics.pixels_per_m_x
             row = (photon.y + d.shift * photon.maps[2] - optics.window_y) * optics.pixels_per_m_y
-            found = footprint_of(column, row, screen_covariance(d.raw, optics), optics.area * radiosity)
+            amplitude = optics.area * radiosity
+            if wp.static(has_fresnel):
+                m = one + photon.maps[1] * photon.maps[1] + photon.maps[2] * photon.maps[2]
+                amplitude *= passed(m, eta, ratio)
+            found = footprint_of(column, row, screen_covariance(d.raw, optics), amplitude)
         return found
 
     @no_type_check
     @wp.func
-    def footprint_adjoint(photon: Photon, eta: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint):
+    def footprint_adjoint(
+        photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint
+    ):
         """Gradient of the surface maps [6] from that of a footprint with light.
 
-        ``g`` is for unit amplitude, as ``pixels.gather`` gives it. ``g.amplitude`` goes nowhere: the amplitude does
-        not depend on the relief.
+        ``g`` is for unit amplitude, as ``pixels.gather`` gives it. Without Fresnel's losses ``g.amplitude`` goes
+        nowhere: the amplitude does not depend on the relief.
         """
         maps = photon.maps
         h_x = maps[1]
         h_y = maps[2]
         m = one + h_x * h_x + h_y * h_y
         thickness = optics.base + maps[0]
-        d = differentials(photon, bent, optics)
+        d = differentials(photon, eta, ratio, bent, optics)
         # --- row's profile -> covariance -> J, [per px^2] and [per px]
         covariance = screen_covariance(d.raw, optics)
         g_raw = screen_covariance_adjoint(d.raw, covariance_adjoint(f, covariance[2], g), optics)
@@ -192,10 +235,12 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
         k_mm = inside_curvature(m, eta, bent.k)
         g_m = g_k * bent.k_m + g_shift_m * thickness * k_mm
         g_m += optics.gap * (g_shift * bent.e_m + g_shift_m * bent.e_mm)
+        if wp.static(has_fresnel):
+            g_m += f.amplitude * g.amplitude * passed_slope(m, eta, ratio)
         # --- to height, slopes and second derivatives (MAP_NAMES)
         g_vx = d.shift_m * a_x
         g_vy = d.shift_m * a_y
-        return vec6(
+        gradient = vec6(
             g_shift * bent.k + g_shift_m * bent.k_m,
             g_x * d.shift
             + g_jxx * d.w_x
@@ -215,5 +260,8 @@ def collimated_functions(dtype: Any) -> SimpleNamespace:
             g_cross * d.shift + g_vx * h_y + g_vy * h_x,
             g_jyy * d.shift + g_vy * h_y,
         )
+        if wp.static(has_lamp):
+            gradient += lamp_covariance_adjoint(maps, eta, ratio, f.amplitude * g_raw, optics)
+        return gradient
 
     return SimpleNamespace(refraction=refraction, footprint=footprint, footprint_adjoint=footprint_adjoint)

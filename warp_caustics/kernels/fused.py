@@ -18,6 +18,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.native import PACK, pixel_loader
 from warp_caustics.kernels.photons import photons_struct
@@ -30,9 +31,9 @@ APART_SIGMAS, APART_PX = 3.0, 2.0
 
 
 @cache
-def _footprints_function(dtype: Any, width: int) -> Any:
+def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
     """``footprints``: those of a photon at ``width`` neighbouring wavelengths."""
-    collimated = collimated_functions(dtype)
+    collimated = collimated_functions(dtype, effects)
     refraction, footprint = collimated.refraction, collimated.footprint
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)
     Footprints = footprint_struct(dtype, width)
@@ -50,7 +51,7 @@ def _footprints_function(dtype: Any, width: int) -> Any:
         for k in range(wp.static(width)):
             c = first_channel + k
             bent = refraction(photon.maps, photons.eta[c], photons.ratio[c])
-            f = footprint(photon, bent, photons.radiosity[c], photons.optics)
+            f = footprint(photon, photons.eta[c], photons.ratio[c], bent, photons.radiosity[c], photons.optics)
             column[k] = f.column
             row[k] = f.row
             sigma_x[k] = f.sigma_x
@@ -97,7 +98,9 @@ def _extent_function(dtype: Any, profile: str, width: int) -> Any:
 
 
 @cache
-def fused_kernels(dtype: Any, profile: str, is_lattice: bool, width: int, lanes: int, defers: bool) -> SimpleNamespace:
+def fused_kernels(
+    dtype: Any, profile: str, is_lattice: bool, width: int, lanes: int, defers: bool, effects: Effects = PLAIN
+) -> SimpleNamespace:
     """Kernels ``splat_photons`` and ``splat_deferred``.
 
     Args:
@@ -107,6 +110,7 @@ def fused_kernels(dtype: Any, profile: str, is_lattice: bool, width: int, lanes:
         width: wavelengths done at once, 1 or all of 2 to ``PACK`` (see the module's docstring).
         lanes: threads that share a footprint's columns; 1 for compact ones, several for wide ones on a GPU.
         defers: wide footprints are put on a list, for the ``deferred`` kernel of a variant with many lanes.
+        effects: beyond refraction.
     """
     is_packed = width > 1
     # GPU variants have several lanes or leave wide footprints to those that have.
@@ -115,7 +119,7 @@ def fused_kernels(dtype: Any, profile: str, is_lattice: bool, width: int, lanes:
     adding_alone = adding_functions(dtype, profile, 1, lanes, is_packed, in_registers)
     row_window, add_rows = adding.row_window, adding.add_rows
     row_window_of, add_rows_of = adding_alone.row_window, adding_alone.add_rows
-    footprints, footprint_of = _footprints_function(dtype, width), _footprints_function(dtype, 1)
+    footprints, footprint_of = _footprints_function(dtype, width, effects), _footprints_function(dtype, 1, effects)
     extent, put_off = _extent_function(dtype, profile, width), wide_functions(dtype, profile, is_packed).put_off
     photon_at = photon_function(dtype, is_lattice)
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)

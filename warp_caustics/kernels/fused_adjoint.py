@@ -14,6 +14,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.photons import photons_struct
 from warp_caustics.kernels.pixels import gathering_function
 from warp_caustics.kernels.surface import photon_function, photon_struct
@@ -21,7 +22,9 @@ from warp_caustics.kernels.wide import wide_functions
 
 
 @cache
-def fused_adjoint_kernels(dtype: Any, profile: str, is_lattice: bool, lanes: int, defers: bool) -> SimpleNamespace:
+def fused_adjoint_kernels(
+    dtype: Any, profile: str, is_lattice: bool, lanes: int, defers: bool, effects: Effects = PLAIN
+) -> SimpleNamespace:
     """Kernels ``splat_photons_adjoint`` and ``splat_deferred_adjoint``.
 
     Args:
@@ -30,10 +33,11 @@ def fused_adjoint_kernels(dtype: Any, profile: str, is_lattice: bool, lanes: int
         is_lattice: photons lie on a grid (positions are its axes) instead of anywhere.
         lanes: threads that share a footprint's columns; 1 for compact ones, several for wide ones on a GPU.
         defers: wide footprints are put on a list, for the ``deferred`` kernel of a variant with many lanes.
+        effects: beyond refraction.
     """
     # GPU variants have several lanes or leave wide footprints to those that have.
     gather = gathering_function(dtype, profile, lanes, profile == "spline" and lanes == 1 and not defers)
-    collimated = collimated_functions(dtype)
+    collimated = collimated_functions(dtype, effects)
     refraction, footprint, footprint_adjoint = collimated.refraction, collimated.footprint, collimated.footprint_adjoint
     wide = wide_functions(dtype, profile, False)
     covered_pixels, put_off = wide.covered_pixels, wide.put_off
@@ -57,8 +61,10 @@ def fused_adjoint_kernels(dtype: Any, profile: str, is_lattice: bool, lanes: int
     ):
         """Gradient of the surface maps [6] from one wavelength; zero if its footprint is put on the list."""
         gradient = vec6()
-        bent = refraction(photon.maps, photons.eta[c], photons.ratio[c])
-        f = footprint(photon, bent, photons.radiosity[c], photons.optics)
+        eta = photons.eta[c]
+        ratio = photons.ratio[c]
+        bent = refraction(photon.maps, eta, ratio)
+        f = footprint(photon, eta, ratio, bent, photons.radiosity[c], photons.optics)
         if f.amplitude != zero:
             here = True
             if wp.static(defers):
@@ -66,7 +72,7 @@ def fused_adjoint_kernels(dtype: Any, profile: str, is_lattice: bool, lanes: int
                     here = not put_off(item, 0, 0, lane, listed, count)
             if here:
                 g = gather(f, b, c, lane, grad_image)
-                gradient = footprint_adjoint(photon, photons.eta[c], bent, photons.optics, f, g)
+                gradient = footprint_adjoint(photon, eta, ratio, bent, photons.optics, f, g)
         return gradient
 
     @no_type_check

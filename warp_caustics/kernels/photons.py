@@ -12,6 +12,7 @@ from warp_caustics.kernels import specialised
 @cache
 def optics_struct(dtype: Any) -> Any:
     """Struct with everything about the scene that is the same for all paths and wavelengths."""
+    vec3 = wp.types.vector(length=3, dtype=dtype)
 
     class Optics:
         base: dtype  # d [m]
@@ -29,6 +30,8 @@ def optics_struct(dtype: Any) -> Any:
         max_var: dtype  # footprints with a larger trace are shrunk to it [px^2]
         wide_pixels: dtype  # footprints that cover more may be left to several threads
         area: dtype  # plate area one path stands for, over the pixel's area
+        lamp_var: dtype  # variance of the light's direction [rad^2], or of where it comes from [m^2], per axis
+        tilt: vec3  # unit direction of collimated light
         is_point: wp.int32
         light_x: dtype
         light_y: dtype
@@ -54,6 +57,7 @@ def photons_struct(dtype: Any) -> Any:
         eta: wp.array[dtype]  # 1 / index of the glass [C]
         ratio: wp.array[dtype]  # index of the glass over that behind the plate [C]
         radiosity: wp.array[dtype]  # [W/m^2] [C]
+        flat_share: wp.array[dtype]  # of the flux through a flat plate, over that at normal incidence [C]
         optics: Optics
 
     return specialised(Photons, dtype)

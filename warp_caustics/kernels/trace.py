@@ -11,8 +11,7 @@ Light ends at the edge of the plate: the footprints of a photon lattice are
 squeezed where they would reach over it. Otherwise the image's border would be
 too dark, and a reconstruction bend the whole plate to brighten it.
 
-Not modelled: Fresnel losses, a second hit of the relief, shadows that one part
-of the relief throws on another.
+Not modelled: a second hit of the relief, shadows that one part of the relief throws on another.
 """
 
 from functools import cache
@@ -21,7 +20,9 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions
+from warp_caustics.kernels.fresnel import fresnel_functions
 from warp_caustics.kernels.photons import optics_struct, photons_struct
 
 LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
@@ -39,8 +40,10 @@ FAR_PX = 1.0e6
 
 
 @cache
-def trace_kernels(dtype: Any) -> SimpleNamespace:
-    """Kernels for float32 or float64: ``trace`` and ``land``."""
+def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
+    """Kernels for float32 or float64 and some effects: ``trace`` and ``land``."""
+    has_fresnel, has_lamp, has_tilt = effects.fresnel, effects.lamp, effects.tilt
+    transmission = fresnel_functions(dtype).transmission
     vec2 = wp.types.vector(length=2, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
@@ -103,6 +106,8 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         """Unit direction of the light at a point of the relief, and its distance from the source [m]."""
         w = vec3(zero, zero, -one)
         distance = one
+        if wp.static(has_tilt):
+            w = optics.tilt
         if optics.is_point != 0:
             to_point = vec3(x - optics.light_x, y - optics.light_y, optics.base + h - optics.light_z)
             distance = wp.sqrt(wp.dot(to_point, to_point))
@@ -114,10 +119,13 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
     def lit_area(w: vec3, m: vec3, distance: dtype, optics: Optics):
         """Flux through the path's part of the plate for unit radiosity, over the pixel's area.
 
-        Collimated: the area itself. Point source: radiant intensity D^2 (unit irradiance on the nominal top
-        below the source, at distance D) times the solid angle -w.m dx dy / r^2, zero outside the cone.
+        Collimated: the area itself; slanting light, -w.m / -w_z of it, zero where it meets the back of a slope. Point
+        source: radiant intensity D^2 (unit irradiance on the nominal top below the source, at distance D) times the
+        solid angle -w.m dx dy / r^2, zero outside the cone.
         """
         area = optics.area
+        if wp.static(has_tilt):
+            area = optics.area * wp.max(wp.dot(w, m) / w[2], zero)
         if optics.is_point != 0:
             area = zero
             facing = -wp.dot(w, m)
@@ -125,6 +133,46 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
                 relative = optics.light_distance / distance
                 area = optics.area * relative * relative * facing
         return area
+
+    @no_type_check
+    @wp.func
+    def passed(w: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, flat: dtype):
+        """Share of the flux that both faces let through, relative to normal incidence over ``flat``."""
+        share = one
+        if wp.static(has_fresnel):
+            share = transmission(-wp.dot(w, m), -wp.dot(t, m), eta) * transmission(-t[2], wp.sqrt(q), ratio) / flat
+        return share
+
+    @no_type_check
+    @wp.func
+    def lamp_differential(
+        h: dtype, w: vec3, dw: vec3, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, optics: Optics
+    ):
+        """Covariance (var_x, cov, var_y) [px^2] from a standard deviation dw of the direction of incidence."""
+        none = vec3(zero, zero, zero)
+        dt = refract_differential(w, dw, m, none, eta)
+        shift = shift_differential(h, zero, t, dt, q, ratio, optics.base, optics.gap)
+        x = shift[0] * optics.pixels_per_m_x
+        y = shift[1] * optics.pixels_per_m_y
+        return vec3(x * x, x * y, y * y)
+
+    @no_type_check
+    @wp.func
+    def lamp_covariance(
+        h: dtype, w: vec3, distance: dtype, m: vec3, t: vec3, q: dtype, eta: dtype, ratio: dtype, optics: Optics
+    ):
+        """Covariance that a lamp of finite size adds: a level disc for a point source, else one of directions."""
+        sigma = wp.sqrt(optics.lamp_var)
+        # Two directions across the light.
+        flat = wp.sqrt(w[0] * w[0] + w[2] * w[2])
+        first = vec3(-w[2] / flat, zero, w[0] / flat)
+        second = wp.cross(w, first)
+        if optics.is_point != 0:
+            first = (w * w[0] - vec3(one, zero, zero)) / distance
+            second = (w * w[1] - vec3(zero, one, zero)) / distance
+        return lamp_differential(h, w, sigma * first, m, t, q, eta, ratio, optics) + lamp_differential(
+            h, w, sigma * second, m, t, q, eta, ratio, optics
+        )
 
     @no_type_check
     @wp.func
@@ -187,12 +235,14 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             vx = shift_y[0] * sigma_y * optics.pixels_per_m_x
             vy = (one + shift_y[1]) * sigma_y * optics.pixels_per_m_y
             raw = vec3(ux * ux + vx * vx, ux * uy + vx * vy, uy * uy + vy * vy)
+            if wp.static(has_lamp):
+                raw += lamp_covariance(h, w, distance, m, t, q, eta, ratio, optics)
             covariance = screen_covariance(raw, optics)
             # --- where it lands [px]
             centre = landing(x, y, h, t, q, ratio, optics)
             finite = wp.isfinite(centre[0]) and wp.isfinite(centre[1]) and wp.isfinite(raw[0] + raw[2])
             if finite and wp.abs(centre[0]) < far and wp.abs(centre[1]) < far:
-                amplitude = lit * photons.radiosity[c]
+                amplitude = lit * photons.radiosity[c] * passed(w, m, t, q, eta, ratio, photons.flat_share[c])
                 record = vec6(centre[0], centre[1], covariance[0], covariance[1], covariance[2], amplitude)
         for plane in range(6):
             records[b, c, plane, p] = record[plane]
@@ -205,9 +255,12 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         # outputs
         landings: wp.array4d[dtype],
         energies: wp.array3d[dtype],
+        shares: wp.array3d[dtype],
         fates: wp.array3d[wp.int32],
     ):
-        """Screen position [px] [B, C, 2, N], flux for unit radiosity over pixel area and fate, both [B, C, N]."""
+        """Screen position [px] [B, C, 2, N]; flux for unit radiosity over pixel area, share of it that the faces
+        let through, and fate, all [B, C, N]. Light that does not get behind the plate has a share of 1.
+        """
         b, c, p = wp.tid()
         x = photons.positions[p, 0]
         y = photons.positions[p, 1]
@@ -216,8 +269,10 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         h = maps[b, 0, p]
         w, distance = incidence(x, y, h, optics)
         m = vec3(-maps[b, 1, p], -maps[b, 2, p], one)
-        t, q = refracted_slope(w, m, photons.eta[c], ratio)
+        eta = photons.eta[c]
+        t, q = refracted_slope(w, m, eta, ratio)
         lit = lit_area(w, m, distance, optics)
+        share = one
         fate = wp.static(LANDED)
         centre = vec2(far, far)
         if not (lit > zero):
@@ -228,6 +283,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
             fate = wp.static(REFLECTED)
         else:
             centre = landing(x, y, h, t, q, ratio, optics)
+            share = passed(w, m, t, q, eta, ratio, photons.flat_share[c])
             if not (wp.isfinite(centre[0]) and wp.isfinite(centre[1])):
                 fate = wp.static(NOT_FINITE)
             elif (
@@ -240,6 +296,7 @@ def trace_kernels(dtype: Any) -> SimpleNamespace:
         landings[b, c, 0, p] = centre[0]
         landings[b, c, 1, p] = centre[1]
         energies[b, c, p] = lit
+        shares[b, c, p] = share
         fates[b, c, p] = fate
 
     return SimpleNamespace(trace=trace, land=land)

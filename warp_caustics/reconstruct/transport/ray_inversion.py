@@ -41,6 +41,7 @@ class LightPath:
         thickness_m: d, from the bottom face to the bare plate [m].
         gap_m: from the bottom face to the screen [m].
         light_m: (x, y, z) of the point source [m]; None for collimated light.
+        direction: unit vector along which collimated light travels.
     """
 
     glass: float
@@ -48,6 +49,7 @@ class LightPath:
     thickness_m: float
     gap_m: float
     light_m: tuple[float, float, float] | None = None
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     @classmethod
     def of_scene(cls, scene: Scene, *, single_refraction: bool = False) -> "LightPath":
@@ -59,12 +61,13 @@ class LightPath:
         glass = float(np.mean(np.asarray(scene.glass_indices)[light]))
         outside = glass if single_refraction else float(np.mean(np.asarray(scene.exit_indices)[light]))
         source = None if scene.is_collimated else scene.light_position_m
-        return cls(glass, outside, scene.base_thickness_m, -scene.screen_position_m[2], source)
+        return cls(glass, outside, scene.base_thickness_m, -scene.screen_position_m[2], source, scene.light_direction)
 
     def incident(self, points: FloatArray, heights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unit direction of the light at points (x, y) [m], shape [2, ...], and heights [m]: (x, y) part and z part."""
         if self.light_m is None:
-            return np.zeros_like(points), np.full(points.shape[1:], -1.0)
+            x, y, z = self.direction
+            return np.stack([np.full(points.shape[1:], x), np.full(points.shape[1:], y)]), np.full(points.shape[1:], z)
         sideways = np.stack([points[axis] - self.light_m[axis] for axis in (0, 1)])
         down = self.thickness_m + heights - self.light_m[2]
         length = np.sqrt((sideways**2).sum(0) + down**2)
