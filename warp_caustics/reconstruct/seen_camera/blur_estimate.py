@@ -100,8 +100,8 @@ def _rings(pixels: int, device: torch.device) -> _Rings:
     begins = np.concatenate(([0], ends[:-1]))
     modes = np.add.reduceat(weight, begins)
     mean = np.sqrt(np.add.reduceat(weight * size[order] ** 2, begins) / modes)
-    on_device = [torch.as_tensor(values, device=device) for values in (order, ends - 1, weight)]
-    return _Rings(*on_device, modes=modes, k=mean)
+    places, last, twice = (torch.as_tensor(values, device=device) for values in (order, ends - 1, weight))
+    return _Rings(places, last, twice, modes, mean)
 
 
 def _ring_spectra(
