@@ -39,6 +39,7 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
     Raises:
         InputError: images of one name, a result that exists, or no place for the folder.
         MismatchError: another batch writes there.
+        DamagedDataError: its overview was replaced by something else.
     """
     folder = made_folder(output)
     names = result_names(images)
@@ -49,6 +50,8 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
     _ = job.method  # what is wrong with it is wrong for all
     with only_writer(journal_path(table.path), folder):
         claim_files(folder, "batch", (SUMMARY,), table.is_own)
+        if table.path.exists():
+            table.read(is_exact=True)  # somebody may have put another table there since
         return _run(job, targets, table, output)
 
 

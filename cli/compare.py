@@ -1,6 +1,7 @@
 """``nsfc compare``: every method on the same images, scored against the truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,10 @@ from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_BUG, EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
+    from data_gen.dataset_config import PhotonConfig
     from nets.evaluation.cells import Cell
     from nets.evaluation.fields import Source
+    from nets.evaluation.method_spec import MethodSpec
     from warp_caustics.scene import Scene
 
 OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.html")
@@ -71,27 +74,51 @@ def compare(
     HEIGHTS alone is simulated; HEIGHTS:IMAGE has an image already. The same command continues after any
     interruption; what is finished is not computed again.
     """
-    from cli.claims import claim_folder
     from cli.config import load_config
+    from cli.output import checked_folder
     from nets.evaluation.method_spec import parse_budgets, parse_methods
+    from warp_caustics.io.journal import journal_path, only_writer
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
     config = load_config(config_source, settings)
-    scene = config.scene
     photons = _photons(n_photons or config.data.clean.n_photons)
     _check_noise(noise)
     console = Console(as_json)
-    advice = "name a new folder, or an earlier one"
     device = start_device(device)
-    from nets.evaluation.fields import prepare
     from nets.evaluation.run import check_methods
 
-    sources = _sources(fields, testset, count, scene, device)
-    console.warn(*check_methods(specs, scene, device))
-    folder = claim_folder(output, "comparison", OUTPUTS, _is_unmarked, advice)
+    sources = _sources(fields, testset, count, config.scene, device)
+    console.warn(*check_methods(specs, config.scene, device))
+    path, _ = checked_folder(output, lambda name: True)
+    with only_writer(journal_path(path), path):
+        job = _Comparison(sources, specs, budgets, config.scene, photons, noise, device, jobs, force)
+        return _compared(job, output, console)
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """What is compared, and how."""
+
+    sources: "list[Source]"
+    specs: "list[MethodSpec]"
+    budgets: Sequence[str]
+    scene: "Scene"
+    photons: "PhotonConfig"
+    noise: float
+    device: str
+    jobs: int
+    force: bool
+
+
+def _compared(job: _Comparison, output: str, console: Console) -> int:
+    """Fill the folder, which nobody else writes meanwhile; returns the exit code."""
+    from cli.claims import claim_folder
+    from nets.evaluation.fields import prepare
+
+    folder = claim_folder(output, "comparison", OUTPUTS, _is_unmarked, "name a new folder, or an earlier one")
     for part in (folder / "cells", folder / "images"):
         part.mkdir(exist_ok=True)
-    prepared = prepare(sources, scene, photons, noise, folder / "images", device)
+    prepared = prepare(job.sources, job.scene, job.photons, job.noise, folder / "images", job.device)
     for field in prepared:
         console.warn(*(f"{field.name}: {warning}" for warning in field.warnings))
 
@@ -99,13 +126,13 @@ def compare(
     from nets.evaluation.schedule import Setup, run_cells
 
     store = CellStore(folder / "cells")
-    setup = Setup({field.name: field for field in prepared}, scene, photons, device, store)
-    cells = setup.cells(specs, budgets)
-    if jobs > 1:
-        console.warn(f"{jobs} jobs share this machine, so times are longer than those of one")
+    setup = Setup({field.name: field for field in prepared}, job.scene, job.photons, job.device, store)
+    cells = setup.cells(job.specs, job.budgets)
+    if job.jobs > 1:
+        console.warn(f"{job.jobs} jobs share this machine, so times are longer than those of one")
     progress = _Progress(console, len(cells))
     try:
-        records = run_cells(setup, cells, jobs=jobs, force=force, report=progress)
+        records = run_cells(setup, cells, jobs=job.jobs, force=job.force, report=progress)
     except KeyboardInterrupt:
         click.echo(
             f"interrupted; {progress.done} cells were computed and are kept, the same command continues", err=True
@@ -117,7 +144,7 @@ def compare(
     from nets.evaluation.table import summary, table_rows, write_tables
 
     rows = table_rows(records, setup.fields)
-    about = about_comparison(setup, specs, budgets, noise)
+    about = about_comparison(setup, job.specs, job.budgets, job.noise)
     write_tables(folder, rows, about)
     write_page(folder / "index.html", setup, records, rows, about)
 

@@ -34,6 +34,9 @@ BEAT_S = 5.0
 GRACE_S = 60.0
 """Longer than network file systems keep attributes (up to 60 s only where configured so), and many beats."""
 
+AHEAD_S = 10.0
+"""By which a sign of life may be dated ahead: two beats, for clocks that nearly agree."""
+
 _UNSUPPORTED = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 _SETTLE_S = 0.2
 _LEASE = b'{"host"'
@@ -120,6 +123,13 @@ class BuildLock:
         # A lease of this host whose flock is free: its process is dead.
         if lease is not None and not (locked and lease.get("host") == self._host):
             age = self._age_s()
+            if age < -AHEAD_S:
+                # A dead builder's date would stay ahead for as long as its clock was wrong; a live one sets it again.
+                os.utime(self._path)
+                raise self._refusal(
+                    f"its last sign of life is dated {-age / 3600:,.0f} h ahead (a clock that is wrong); that was set "
+                    f"right: wait for it; if it is dead, try again in {self._grace_s:.0f} s"
+                )
             if age < self._grace_s:
                 rest = self._grace_s - age
                 raise self._refusal(f"wait for it; if it is dead, try again in {rest:.0f} s")

@@ -147,6 +147,25 @@ def test_earlier_results_need_force(fake, no_pages, images, tmp_path, capsys):
     assert batch(*arguments, "--force") == 0
 
 
+def test_a_second_batch_replaces_its_own_overview_only(fake, no_pages, images, tmp_path, capsys):
+    """The folder is marked as that of a batch, and yet a table of that name may be the user's by now."""
+    out = tmp_path / "out"
+    assert batch(images / "a.tif", images / "c.tif", "-o", out) == 0
+    first = (out / "c" / "result.json").read_bytes()
+    arguments = images / "a.tif", images / "c.tif", "-o", out, "--force"
+    for text in ("plate,verdict\nmine,good\n", "years of work"):
+        (out / "summary.csv").write_text(text)
+        assert batch(*arguments) == 4
+        assert "'" + str(out / "summary.csv") + "'" in capsys.readouterr().err
+        assert (out / "summary.csv").read_text() == text and (out / "c" / "result.json").read_bytes() == first
+    (out / "summary.csv").unlink()
+    for name in ("d.tif", "e.tif"):
+        shutil.copy(images / "a.tif", images / name)
+    assert batch(images / "d.tif", images / "e.tif", "-o", out) == 0
+    assert [row["folder"] for row in rows(out)] == ["d", "e"]
+    assert (out / "c" / "result.json").read_bytes() == first, "results of other images stay as they are"
+
+
 def test_equal_names_are_refused(fake, images, tmp_path, capsys):
     (tmp_path / "more").mkdir()
     shutil.copy(images / "a.tif", tmp_path / "more" / "a.tif")

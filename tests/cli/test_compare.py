@@ -3,6 +3,7 @@
 import csv
 import html.parser
 import json
+import os
 
 import numpy as np
 import pytest
@@ -158,6 +159,25 @@ def test_interrupted_comparison_goes_on(lab, no_page, plates, tmp_path, capsys):
     assert compare(plates, out, "direct,sfc", "--iterations", "1,2,3") == 0
     assert len(lab.calls) == 4 + 5
     assert len(table(out)["rows"]) == 8
+
+
+def test_two_comparisons_into_one_folder(lab, no_page, plates, tmp_path, capsys, monkeypatch):
+    """The second is refused as a second training is; the first ends as if nothing had been."""
+    out, codes = tmp_path / "out", []
+    reconstruct = Level.reconstruct
+
+    def meanwhile(self, image, **options):
+        if not codes:
+            codes.append(None)
+            codes[0] = compare(plates, out, "direct", "--iterations", "1")
+        return reconstruct(self, image, **options)
+
+    monkeypatch.setattr(Level, "reconstruct", meanwhile)
+    assert compare(plates, out, "direct,sfc", "--iterations", "1") == 0
+    assert codes == [5]
+    assert f"is being written by process {os.getpid()}" in capsys.readouterr().err
+    assert len(table(out)["rows"]) == 4 and not [name for name in os.listdir(tmp_path) if name.startswith(".nsfc")]
+    assert compare(plates, out, "direct", "--iterations", "1") == 0
 
 
 def test_a_failing_method_fails_alone(lab, no_page, plates, tmp_path, capsys):

@@ -59,6 +59,8 @@ def read_solid(path: PathLike, scene: "Scene") -> FloatArray:
         raise InputError(f"{name} is larger than {MAX_BYTES // 1_000_000} MB; simplify the mesh")
     if file.suffix.lower() == ".obj":
         _check_faces(file, name)
+    if file.suffix.lower() == ".stl":
+        _check_length(file, name)
     try:
         # Without a resolver OBJ files load nothing beside themselves.
         mesh = trimesh.load_mesh(str(file), process=False, skip_materials=True)
@@ -93,6 +95,21 @@ def _check_faces(file: Path, name: str) -> None:
         while line := stream.readline(_MAX_LINE_BYTES):
             if len(line) == _MAX_LINE_BYTES or (line[:2] == b"f " and len(line.split()) - 1 > MAX_CORNERS):
                 raise InputError(f"{name} has a face of more than {MAX_CORNERS} corners; export triangles")
+
+
+def _check_length(file: Path, name: str) -> None:
+    """A binary STL file tells how many triangles it has: 80 bytes of text, their number, 50 bytes for each."""
+    size = file.stat().st_size
+    with open_regular(file) as stream:
+        head = stream.read(1024)
+    if size < 84 or (head.startswith(b"solid") and b"facet" in head):
+        return
+    count = int.from_bytes(head[80:84], "little")
+    if size != 84 + 50 * count:
+        raise DamagedDataError(
+            f"{name} has {size} bytes, and the {count} triangles that it announces take {84 + 50 * count}; "
+            "copy or export it again"
+        )
 
 
 def top_heights(triangles_m: FloatArray, x_m: FloatArray, y_m: FloatArray) -> FloatArray:

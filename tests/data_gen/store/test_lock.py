@@ -70,6 +70,21 @@ def test_live_builder_on_another_host_is_respected_and_a_dead_one_is_not(path):
         assert json.loads(path.read_text())["pid"] == os.getpid()
 
 
+def test_a_lease_from_the_future_blocks_for_the_grace_time_and_not_for_years(path):
+    """A builder whose clock was three years ahead; once it is dead, nobody touches the lease again."""
+    write_lease(path, -94694458)
+    with pytest.raises(MismatchError, match=r"node17; its last sign of life is dated 26,304 h ahead .* in 60 s$"):
+        BuildLock(path).__enter__()
+    with pytest.raises(MismatchError, match="node17; wait for it; if it is dead, try again in (59|60) s"):
+        BuildLock(path).__enter__()
+    write_lease(path, -3600)  # it lives, and touches the lease by its own clock
+    with pytest.raises(MismatchError, match="1 h ahead"):
+        BuildLock(path).__enter__()
+    write_lease(path, 61)
+    with BuildLock(path):
+        pass
+
+
 @pytest.mark.parametrize("skew_s", [-600.0, 600.0])
 def test_clocks_of_the_hosts_do_not_matter(path, monkeypatch, skew_s):
     """Signs of life are dated by the file system; a builder's own clock, off by ten minutes, is never asked."""

@@ -61,6 +61,11 @@ def test_a_hole_and_rubbish_are_told(tmp_path):
     trimesh.Trimesh(mesh.vertices, mesh.faces[~inside & ~below], process=False).export(tmp_path / "hole.stl")
     with pytest.raises(InputError, match="has a hole at"):
         read_solid(tmp_path / "hole.stl", SCENE)
+    whole = (tmp_path / "hole.stl").read_bytes()
+    for size, content in ((len(whole) - 1, whole[:-1]), (len(whole) + 50, whole + bytes(50))):
+        (tmp_path / "length.stl").write_bytes(content)
+        with pytest.raises(DamagedDataError, match=rf"length.stl' has {size} bytes, and .* take {len(whole)}; copy"):
+            read_solid(tmp_path / "length.stl", SCENE)
     (tmp_path / "bad.stl").write_bytes(b"solid but not really\n" * 9)
     with pytest.raises(DamagedDataError):
         read_solid(tmp_path / "bad.stl", SCENE)

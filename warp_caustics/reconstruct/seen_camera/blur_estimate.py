@@ -7,11 +7,13 @@ blurred ones to a least squares fit. Power knows nothing of places. Spectra acro
     measured(k) = amplitude exp(-b k^2) simulated(k) [+ floor],   b = (s_i^2 + s_j^2) / 2 of channels i and j
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
+from warp_caustics.reconstruct.seen_camera.image_window import frequencies
 from warp_caustics.types import FloatArray
 
 RINGS = 32
@@ -52,19 +54,14 @@ def estimated_blur(measured: torch.Tensor, simulated: torch.Tensor) -> Blur:
     """
     channels = len(measured)
     pairs = [(i, j) for i in range(channels) for j in range(i, channels) if (i < j) == (channels > 2)]
-    spectra, simulations, powers, modes, k = _ring_spectra(measured, simulated, pairs)
-    found = np.array(
-        [
-            _fitted(spectra[p], simulations[p], powers[i] * powers[j], modes, k, has_floor=i == j)
-            for p, (i, j) in enumerate(pairs)
-        ]
-    )
+    spectra, simulations, powers, rings = _ring_spectra(measured, simulated, pairs)
+    noise = np.stack([powers[i] * powers[j] for i, j in pairs])
+    square, error, amplitude = _fitted(spectra, simulations, noise, rings, has_floor=channels < 3)
     # Each pair says the mean of its two channels.
     design = np.zeros((len(pairs), channels))
     for row, (i, j) in enumerate(pairs):
         design[row, i] += 0.5
         design[row, j] += 0.5
-    square, error, amplitude = found.T
     weight = 1 / error
     inverse = np.linalg.pinv(design * weight[:, None])
     # Errors of pairs go together, for it is the same relief that is wrong in all of them.
@@ -74,66 +71,91 @@ def estimated_blur(measured: torch.Tensor, simulated: torch.Tensor) -> Blur:
     return Blur(own, together, gain)
 
 
+class _Rings(NamedTuple):
+    """Frequencies of a transform, ring by ring."""
+
+    order: torch.Tensor
+    """Their places in the flattened transform, without those of the first ring, and of the corners."""
+    ends: torch.Tensor
+    """Where each ring ends in that order."""
+    weight: torch.Tensor
+    """How often each counts: twice, for its conjugate, but for those along y; in that order, float64."""
+    modes: FloatArray
+    """How many a ring has, conjugates counted."""
+    k: FloatArray
+    """Root mean square frequency of a ring [1/px]."""
+
+
+@lru_cache(maxsize=4)
+def _rings(pixels: int, device: torch.device) -> _Rings:
+    kx, ky = frequencies(pixels, torch.device("cpu"))
+    k, rings = torch.hypot(kx, ky).flatten(), min(RINGS, pixels // 4)
+    ring, size = (k * (rings / torch.pi)).long().numpy(), k.double().numpy()
+    weight = np.where(np.arange(kx.shape[1]) == 0, 1.0, 2.0) * np.ones((pixels, 1))
+    # The first ring, of what is as large as the image, belongs to ambient light and uneven lamps.
+    order = np.argsort(ring, kind="stable")
+    order = order[(ring[order] > 0) & (ring[order] < rings)]
+    ends = np.cumsum(np.bincount(ring[order], minlength=rings)[1:])
+    weight = weight.ravel()[order]
+    begins = np.concatenate(([0], ends[:-1]))
+    modes = np.add.reduceat(weight, begins)
+    mean = np.sqrt(np.add.reduceat(weight * size[order] ** 2, begins) / modes)
+    places, last, twice = (torch.as_tensor(values, device=device) for values in (order, ends - 1, weight))
+    return _Rings(places, last, twice, modes, mean)
+
+
 def _ring_spectra(
     measured: torch.Tensor, simulated: torch.Tensor, pairs: list[tuple[int, int]]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Mean over rings of cross spectra of both, powers of the measured, modes, and frequency [1/px]."""
-    pixels, device = measured.shape[-2], measured.device
-    ky = 2 * torch.pi * torch.fft.fftfreq(pixels, device=device)[:, None]
-    kx = 2 * torch.pi * torch.fft.rfftfreq(pixels, device=device)[None]
-    k = torch.hypot(kx, ky)
-    twice = torch.full_like(k, 2.0)
-    twice[:, 0] = 1.0
-    rings = min(RINGS, pixels // 4)
-    # The first ring, of what is as large as the image, belongs to ambient light and uneven lamps.
-    ring = (k * (rings / torch.pi)).long().clamp_max(rings).flatten()
-
-    def averaged(values: torch.Tensor) -> torch.Tensor:
-        sums = torch.zeros(*values.shape[:-2], rings + 1, dtype=torch.float64, device=device)
-        return sums.index_add_(-1, ring, (values * twice).flatten(-2).double())[..., 1:rings]
-
-    modes = averaged(torch.ones_like(k))
-    first, second = [i for i, _ in pairs], [j for _, j in pairs]
-    parts = [(spectra[first] * spectra[second].conj()).real for spectra in (measured, simulated)]
-    values = torch.cat([*parts, measured.abs().square(), (k**2)[None]])
-    means = (averaged(values) / modes).cpu().numpy()
+) -> tuple[FloatArray, FloatArray, FloatArray, _Rings]:
+    """Mean over rings of cross spectra of both, shape [pairs, rings], and powers of the measured, [n_w, rings]."""
+    rings = _rings(measured.shape[-2], measured.device)
+    values = torch.stack((measured, simulated)).flatten(2)[..., rings.order]
+    crossed = [(both[i] * both[j].conj()).real for both in values for i, j in pairs]
+    parts = torch.cat((torch.stack(crossed), values[0].abs().square())).double() * rings.weight
+    # Sums of rings as differences of running sums: no two threads add to one number, so that it is always the same.
+    sums = parts.cumsum(-1)[:, rings.ends].cpu().numpy()
+    means = np.diff(sums, axis=1, prepend=0.0) / rings.modes
     count = len(pairs)
-    return means[:count], means[count : 2 * count], means[2 * count : -1], modes.cpu().numpy(), np.sqrt(means[-1])
+    return means[:count], means[count : 2 * count], means[2 * count :], rings
 
 
 def _fitted(
-    spectrum: FloatArray, simulated: FloatArray, powers: FloatArray, modes: FloatArray, k: FloatArray, has_floor: bool
-) -> tuple[float, float, float]:
-    """b [px^2], its standard error and the amplitude: least squares along a grid of b, then a finer one."""
+    spectrum: FloatArray, simulated: FloatArray, powers: FloatArray, rings: _Rings, has_floor: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """b [px^2], its standard error and the amplitude of each pair, shapes [P], from spectra of shape [P, rings].
+
+    Least squares along a grid of b, then a finer one about the best.
+    """
+    k, modes = rings.k, rings.modes
 
     def misfits(grid: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        decay = np.exp(-grid[:, None] * k**2) * simulated
+        decay = np.exp(-grid[..., None] * k**2) * simulated[:, None]
         columns = np.stack((decay, np.ones_like(decay)), -1) if has_floor else decay[..., None]
-        scaled, wanted = columns / np.sqrt(variance)[:, None], spectrum / np.sqrt(variance)
+        scaled, wanted = columns / np.sqrt(variance)[:, None, :, None], spectrum / np.sqrt(variance)
         # Floors are of the size of spectra: no scale needs guarding.
-        normal = np.einsum("gkc,gkd->gcd", scaled, scaled)
-        right = np.einsum("gkc,k->gc", scaled, wanted)
-        solution = np.linalg.solve(
-            normal + 1e-12 * normal.max((1, 2))[:, None, None] * np.eye(len(normal[0])), right[..., None]
-        )[..., 0]
-        left = wanted - np.einsum("gkc,gc->gk", scaled, solution)
-        return (left**2).sum(1), solution
+        normal = scaled.swapaxes(-1, -2) @ scaled
+        right = scaled.swapaxes(-1, -2) @ wanted[:, None, :, None]
+        ridge = 1e-12 * normal.max((2, 3), keepdims=True) * np.eye(normal.shape[-1])
+        solution = np.linalg.solve(normal + ridge, right)
+        left = wanted[:, None] - (scaled @ solution)[..., 0]
+        return (left**2).sum(-1), solution[..., 0]
 
     root = np.concatenate((-np.geomspace(0.01, 1.0, 16)[::-1], [0.0], np.geomspace(0.01, LARGEST_SQUARE, 48)))
-    grid, model = root, np.abs(spectrum)
-    b, error, amplitude = 0.0, LARGEST_SQUARE, 1.0
+    pairs = np.arange(len(spectrum))
+    grid, model, b = np.tile(root, (len(pairs), 1)), np.abs(spectrum), np.zeros(len(pairs))
+    misfit, amplitude = np.zeros_like(grid), np.ones(len(pairs))
     for width in (0.0, 0.3, 0.03, 0.03):
         if width:
-            grid = b + width * max(abs(b), 0.2) * np.linspace(-1, 1, 41)
+            grid = b[:, None] + width * np.maximum(np.abs(b), 0.2)[:, None] * np.linspace(-1, 1, 41)
         variance = (model**2 + powers) / (2 * modes) + (SCATTER * model) ** 2
         misfit, solution = misfits(grid, variance)
-        best = int(misfit.argmin())
-        b, amplitude = float(grid[best]), float(max(solution[best, 0], 1e-6))
-        model = np.exp(-b * k**2) * simulated * amplitude
+        best = misfit.argmin(axis=1)
+        b, amplitude = grid[pairs, best], np.maximum(solution[pairs, best, 0], 1e-6)
+        model = np.exp(-b[:, None] * k**2) * simulated * amplitude[:, None]
         if has_floor:
-            model = model + max(float(solution[best, 1]), 0.0)
+            model = model + np.maximum(solution[pairs, best, 1], 0.0)[:, None]
     # Half width at which the misfit has grown by its own size per ring.
-    per_ring = max(float(misfit.min()) / max(len(k) - 2, 1), 1.0)
-    curve = np.polyfit(grid - b, misfit, 2)[0]
-    error = float(np.sqrt(per_ring / curve)) if curve > 0 else LARGEST_SQUARE
+    per_ring = np.maximum(misfit.min(axis=1) / max(len(k) - 2, 1), 1.0)
+    curve = np.array([np.polyfit(grid[p] - b[p], misfit[p], 2)[0] for p in pairs])
+    error = np.where(curve > 0, np.sqrt(per_ring / np.where(curve > 0, curve, 1.0)), LARGEST_SQUARE)
     return b, error, amplitude
