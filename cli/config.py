@@ -7,7 +7,7 @@ is refused with a guess at the one that was meant.
 import difflib
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -20,7 +20,6 @@ from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.making import Making
 from data_gen.variety import PrintVariety
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
-from nets.training.config import CameraConfig
 from warp_caustics.errors import InputError, known_names, shortened
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
@@ -123,14 +122,10 @@ class Config(Strict):
 
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
-<<<<<<< HEAD
-        tree = self.model_dump(mode="json")
+        tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
         # Configurations from before prints could be made otherwise keep their hash.
         if tree["reliefs"]["making"] is None:
             del tree["reliefs"]["making"]
-=======
-        tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
->>>>>>> optics
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
@@ -261,10 +256,16 @@ def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
     return nested
 
 
-_MAY_BE_OFF: dict[str, type[Strict]] = {
+def _training_camera() -> Strict:
+    from nets.training.config import CameraConfig  # brings torch
+
+    return CameraConfig()
+
+
+_MAY_BE_OFF: dict[str, Callable[[], Strict]] = {
     "reliefs.variety": PrintVariety,
     "reliefs.making": Making,
-    "training.camera": CameraConfig,
+    "training.camera": _training_camera,
 }
 """Sections that null switches off; of others, an empty one changes nothing."""
 

@@ -80,22 +80,13 @@ class DatasetConfig(Strict):
     def canonical(self) -> dict[str, Any]:
         """The configuration in plain types, with the generator's version.
 
-<<<<<<< HEAD
-        Without ``reliefs.variety`` and ``reliefs.making`` where there is none: data sets from before them keep their
-        fingerprint.
+        Without ``reliefs.variety`` and ``reliefs.making`` where there is none, and later fields of the scene at their
+        defaults: data sets from before them keep their fingerprint.
         """
-        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json")}
+        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json"), "scene": self.scene.record()}
         for name in ("variety", "making"):
             if tree["reliefs"][name] is None:
                 del tree["reliefs"][name]
-=======
-        Without ``reliefs.variety`` where there is none, and later fields of the scene at their defaults: data sets
-        from before them keep their fingerprint.
-        """
-        tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json"), "scene": self.scene.record()}
-        if tree["reliefs"]["variety"] is None:
-            del tree["reliefs"]["variety"]
->>>>>>> optics
         return tree
 
     def fingerprint(self) -> str:
