@@ -91,7 +91,7 @@ def compare(
     console.warn(*check_methods(specs, config.scene, device))
     path, _ = checked_folder(output, lambda name: True)
     with only_writer(journal_path(path), path):
-        job = _Comparison(sources, specs, budgets, config.scene, photons, noise, device, jobs, force)
+        job = _Comparison(sources, list(specs), budgets, config.scene, photons, noise, device, jobs, force)
         return _compared(job, output, console)
 
 
