@@ -81,7 +81,7 @@ class Camera:
             device: where to compute.
             dtype: of numbers and images.
             is_free: leave nothing out that the configuration does not need, so that every parameter may be changed
-                and has its derivative.
+                and has its derivative; a PSF may grow by 4 px before its kernel is cut short.
 
         Raises:
             InputError: a camera that does not fit the scene, or does not see its window.
@@ -179,6 +179,7 @@ def camera_form(config: CameraConfig, parameters: CameraParameters, pixels: int,
             f"mosaic {config.mosaic} needs 3 camera channels, red, green, blue, got {len(parameters.gain)}; "
             "leave mosaic out, or give mixing three rows"
         )
+    _check_light(parameters, frame)
     turns = bool(parameters.turn_rad != 0) or not torch.equal(
         parameters.homography, torch.eye(3, dtype=parameters.homography.dtype)
     )
@@ -206,6 +207,17 @@ def _check_psf(psf_px: float, box_px: float, frame: Frame) -> None:
                 f"{name} {value:g} px is too wide for a photo of {frame.width} x {frame.height} px; "
                 f"give at most {math.floor(10 * most) / 10:g}, or a larger frame_px"
             )
+
+
+def _check_light(parameters: CameraParameters, frame: Frame) -> None:
+    """Refuse light that is so uneven that somewhere it is none."""
+    # Polynomials of second order do not hide between so many points.
+    darkest = float(uneven_light(parameters.light, min(frame.height, 256), min(frame.width, 256)).min())
+    if darkest <= 0:
+        raise InputError(
+            f"light is so uneven that it falls to {darkest:.2g} of even light (it must stay above 0); "
+            "lower its coefficients, 0.05 is a poor lamp"
+        )
 
 
 def _check_view(parameters: CameraParameters, frame: Frame, pixels: int) -> None:
