@@ -9,48 +9,21 @@ to every field of :class:`CameraParameters`.
 Not handled: a PSF that changes over the picture, distortion other than a homography, flare, motion.
 """
 
-import math
-from dataclasses import dataclass
+from collections.abc import Collection
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from warp_caustics.camera.config import LARGEST_MAGNIFICATION, LEAST_MAGNIFICATION, CameraConfig
+from warp_caustics.camera.config import CameraConfig
+from warp_caustics.camera.form import CameraForm, camera_form
 from warp_caustics.camera.geometry import gathered, upright_matrices
 from warp_caustics.camera.mosaic import demosaicked, mosaicked
 from warp_caustics.camera.parameters import CameraParameters, camera_parameters
-from warp_caustics.camera.placement import Frame, corners_px, seen_of_window, to_photo
-from warp_caustics.camera.psf import psf_matrix, psf_reach
+from warp_caustics.camera.placement import corners_px
+from warp_caustics.camera.psf import psf_matrix
 from warp_caustics.camera.radiometry import mixed, uneven_light
-from warp_caustics.errors import InputError
-from warp_caustics.resampling import BLUR_REACH
 from warp_caustics.scene import Scene
-
-
-@dataclass(frozen=True)
-class CameraForm:
-    """What of a camera is no number to differentiate by.
-
-    Attributes:
-        pixels: m of the window.
-        frame: size of the photo.
-        is_dark: no light beyond the window; else its picture is mirrored there.
-        places: pixels are not those of the window: the picture is resampled.
-        turns: the camera is turned or looks from the side; upright ones cost less.
-        blurs: there is a PSF.
-        reach: where the PSF is cut [px].
-        mosaic: pattern of the sensor's filters, or None.
-    """
-
-    pixels: int
-    frame: Frame
-    is_dark: bool
-    places: bool
-    turns: bool
-    blurs: bool
-    reach: int
-    mosaic: str | None
 
 
 class Camera:
@@ -71,7 +44,7 @@ class Camera:
         *,
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
-        is_free: bool = False,
+        free: Collection[str] = (),
     ):
         """Make the operator.
 
@@ -80,15 +53,16 @@ class Camera:
             scene: what its screen shows.
             device: where to compute.
             dtype: of numbers and images.
-            is_free: leave nothing out that the configuration does not need, so that every parameter may be changed
-                and has its derivative.
+            free: fields of :class:`CameraParameters` that may be changed afterwards, or differentiated by: their steps
+                are taken even where the configuration does not need them. ``turn_rad`` and ``homography`` cost most.
+                ``light``, ``ambient``, ``mixing`` and ``gain`` always may; a PSF may grow by 4 px.
 
         Raises:
             InputError: a camera that does not fit the scene, or does not see its window.
         """
         self.config, self.scene = config, scene
         exact = camera_parameters(config, scene.n_wavelengths, scene.image_pixels, dtype=torch.float64)
-        self.form = camera_form(config, exact, scene.image_pixels, is_free=is_free)
+        self.form = camera_form(config, exact, scene.image_pixels, free)
         self.parameters = CameraParameters(*(value.to(device, dtype) for value in exact))
         self.flat = torch.tensor(scene.radiosity_W_m2, dtype=dtype, device=device)
         self._exact = exact
@@ -157,87 +131,3 @@ def even(image: torch.Tensor, parameters: CameraParameters, form: CameraForm) ->
 def channels(image: torch.Tensor, parameters: CameraParameters) -> torch.Tensor:
     """Camera channels [..., C, H, W] of wavelengths [..., n_w, H, W]."""
     return mixed(image, parameters.mixing * parameters.gain[..., None])
-
-
-def camera_form(config: CameraConfig, parameters: CameraParameters, pixels: int, *, is_free: bool) -> CameraForm:
-    """The form of a camera.
-
-    Args:
-        config: the camera.
-        parameters: its numbers, float64 on the CPU.
-        pixels: m.
-        is_free: nothing is left out.
-
-    Raises:
-        InputError: a camera that does not see the window, or not as a camera can.
-    """
-    frame = Frame(pixels, pixels) if config.frame_px is None else Frame(*config.frame_px)
-    psf, box = float(parameters.psf_px.max()), float(parameters.box_px.max())
-    _check_psf(psf, box, frame)
-    if config.mosaic is not None and len(parameters.gain) != 3:
-        raise InputError(
-            f"mosaic {config.mosaic} needs 3 camera channels, red, green, blue, got {len(parameters.gain)}; "
-            "leave mosaic out, or give mixing three rows"
-        )
-    turns = bool(parameters.turn_rad != 0) or not torch.equal(
-        parameters.homography, torch.eye(3, dtype=parameters.homography.dtype)
-    )
-    _check_view(parameters, frame, pixels)
-    moves = any(bool(values.any()) for values in (parameters.shift_px, parameters.colour_shift_px)) or any(
-        bool(values.any()) for values in (parameters.colour_scale, parameters.magnification - 1)
-    )
-    return CameraForm(
-        pixels=pixels,
-        frame=frame,
-        is_dark=config.frame_px is not None,
-        places=is_free or turns or moves or frame != (pixels, pixels),
-        turns=is_free or turns,
-        blurs=is_free or psf > 0 or box > 0,
-        reach=psf_reach(psf, box),
-        mosaic=config.mosaic,
-    )
-
-
-def _check_psf(psf_px: float, box_px: float, frame: Frame) -> None:
-    side = min(frame)
-    for name, value, most in (("psf_px", psf_px, side / (2 * BLUR_REACH)), ("box_px", box_px, side / 2)):
-        if value > most:
-            raise InputError(
-                f"{name} {value:g} px is too wide for a photo of {frame.width} x {frame.height} px; "
-                f"give at most {math.floor(10 * most) / 10:g}, or a larger frame_px"
-            )
-
-
-def _check_view(parameters: CameraParameters, frame: Frame, pixels: int) -> None:
-    """Refuse cameras that do not see the window, see it from behind the horizon or too coarsely."""
-    maps = to_photo(parameters, frame, pixels)
-    half = torch.tensor([-0.5, pixels - 0.5], dtype=torch.float64)
-    corners = torch.stack([torch.stack((x, y, torch.ones_like(x))) for y in half for x in half])
-    mapped = torch.einsum("nij,kj->nki", maps, corners)
-    depth = mapped[..., 2]
-    if not (torch.isfinite(mapped).all() and (depth > 1e-6).all()):
-        raise InputError(
-            "homography puts a corner of the window at the horizon; lower its last row's first two numbers"
-        )
-    x, y = mapped[..., 0] / depth, mapped[..., 1] / depth
-    misses = (x.max() < 0) | (y.max() < 0) | (x.min() > frame.width - 1) | (y.min() > frame.height - 1)
-    if bool(misses):
-        raise InputError(
-            f"the camera sees nothing of the window: it lies at x {float(x.min()):.0f} to {float(x.max()):.0f}, "
-            f"y {float(y.min()):.0f} to {float(y.max()):.0f}, the photo has {frame.width} x {frame.height} px; "
-            "lower shift_px, or raise frame_px"
-        )
-    ends = [torch.linspace(0, size - 1, min(size, 33), dtype=torch.float64) for size in frame]
-    seen = seen_of_window(torch.linalg.inv(maps), ends[1], ends[0])
-    inside = (seen.x.abs() < 2 * pixels) & (seen.y.abs() < 2 * pixels)
-    sizes = torch.cat((seen.width[inside], seen.height[inside]))
-    if sizes.numel() and float(sizes.max()) > 1.0001 / LEAST_MAGNIFICATION:
-        raise InputError(
-            f"a camera pixel is {float(sizes.max()):.3g} px of the window wide (limit {1 / LEAST_MAGNIFICATION:g}); "
-            "magnify, give frame_px and corners_px further apart, or lower scene.image_pixels"
-        )
-    if sizes.numel() and float(sizes.min()) < 0.9999 / (2 * LARGEST_MAGNIFICATION):
-        raise InputError(
-            f"the window is magnified {1 / float(sizes.min()):.3g} times (limit {2 * LARGEST_MAGNIFICATION:g}); "
-            "raise scene.image_pixels, or magnify less"
-        )

@@ -23,7 +23,8 @@ class CameraParameters(NamedTuple):
     magnification: torch.Tensor
     """Camera pixels per pixel of the window, shape [...]."""
     homography: torch.Tensor
-    """Before turn, magnification and shift, on positions from -1 to 1 over the window, shape [..., 3, 3]."""
+    """Before turn, magnification and shift, on positions from -1 to 1 over the window, shape [..., 3, 3]; of its nine
+    numbers one is its scale, and four do what those three do as well."""
     colour_shift_px: torch.Tensor
     """Of each wavelength's picture [px], shape [..., n_w, 2]."""
     colour_scale: torch.Tensor

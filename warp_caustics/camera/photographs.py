@@ -106,7 +106,7 @@ def _check_light(lit: torch.Tensor, sensor: SensorConfig, level: float) -> None:
     shares = lit.amax(dim=(-2, -1)) * (sensor.exposure / level)
     steps = 2 ** (sensor.bits or 16) - 1
     # A wavelength that the lamp does not have is not the camera's fault.
-    faintest, brightest = float(shares[shares > 0].min()), float(shares.max())
+    faintest, brightest = float(torch.where(shares > 0, shares, torch.inf).min()), float(shares.max())
     if faintest * steps < LEAST_COUNTS:
         raise InputError(
             f"the camera sees nothing: a flat plate's light fills {faintest * steps:.2g} of {steps} steps in the "

@@ -12,6 +12,7 @@ from warp_caustics.camera.parameters import CameraParameters, camera_parameters
 from warp_caustics.camera.placement import Frame
 from warp_caustics.camera.psf import psf_matrix, psf_reach
 from warp_caustics.camera.radiometry import uneven_light
+from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 
 from .conftest import waves
@@ -33,6 +34,7 @@ EVERYTHING = CameraConfig(
 )
 UPRIGHT = EVERYTHING.model_copy(update={"turn_rad": 0.0, "homography": None})
 WINDOW = UPRIGHT.model_copy(update={"frame_px": None, "magnification": 1.0})
+ALL = CameraParameters._fields
 CAMERAS = {
     "everything": EVERYTHING,
     "upright": UPRIGHT,
@@ -63,14 +65,14 @@ def test_a_perfect_camera_gives_the_image_itself(scene, image, dtype):
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 2e-6), (torch.float64, 1e-14)])
 def test_so_does_one_that_leaves_no_step_out(scene, image, dtype, tolerance):
     """Every operator at its neutral place is the identity, not only left out."""
-    seen = Camera(CameraConfig(), scene, dtype=dtype, is_free=True)(image.to(dtype))
+    seen = Camera(CameraConfig(), scene, dtype=dtype, free=ALL)(image.to(dtype))
     assert (seen - image.to(dtype)).abs().max() < tolerance * image.max()
 
 
 def test_a_free_camera_is_the_same_camera(scene, image):
     """Matrices along both axes and gathering are two ways to one result."""
     for config in (UPRIGHT, WINDOW):
-        fast, slow = camera(config, scene), camera(config, scene, is_free=True)
+        fast, slow = camera(config, scene), camera(config, scene, free=ALL)
         assert not fast.form.turns and slow.form.turns
         assert (fast(image) - slow(image)).abs().max() < 1e-13
 
@@ -79,6 +81,27 @@ def test_single_precision_is_near_double(scene, image):
     for name, config in CAMERAS.items():
         single = Camera(config, scene)(image.float())
         assert (single - camera(config, scene)(image)).abs().max() < 2e-5 * image.max(), name
+
+
+@pytest.mark.parametrize("field", ALL)
+def test_a_parameter_that_is_free_has_its_derivative(scene, image, field):
+    """And takes no step that it does not need: placing upright is cheap, gathering is not."""
+    model = camera(CameraConfig(), scene, free=(field,))
+    full = camera(CameraConfig(), scene, free=ALL)
+    y = drawn(*image.shape, seed=6)
+    found = []
+    for one in (model, full):
+        at = getattr(one.parameters, field).clone().requires_grad_()
+        (one(image, one.parameters._replace(**{field: at})) * y).sum().backward()
+        found.append(at.grad)
+    torch.testing.assert_close(found[0], found[1], atol=1e-9, rtol=1e-9)
+    assert model.form.turns == (field in ("turn_rad", "homography"))
+    assert model.form.blurs == (field in ("psf_px", "box_px"))
+
+
+def test_a_parameter_that_is_none_is_refused(scene):
+    with pytest.raises(InputError, match="did you mean 'psf_px'"):
+        camera(CameraConfig(), scene, free=("psf",))
 
 
 # --------------------------------------------------------------------- adjoints
@@ -161,7 +184,7 @@ def differences(function, value, step):
 @pytest.mark.parametrize("kind", ["everything", "nothing"])
 def test_derivative_by_each_parameter(scene, image, field, kind):
     """Against float64 differences, also where nothing is off, from where a fit begins."""
-    model = camera(EVERYTHING if kind == "everything" else CameraConfig(), scene, is_free=True)
+    model = camera(EVERYTHING if kind == "everything" else CameraConfig(), scene, free=ALL)
     y = drawn(*model(image).shape, seed=2)
 
     def value(changed):
@@ -189,7 +212,7 @@ def test_derivative_by_the_image(scene, image, name):
 
 def test_forward_derivatives_agree_with_backward_ones(scene, image):
     """Columns of a Jacobian are cheaper forwards: a camera has few parameters and many pixels."""
-    model = camera(EVERYTHING, scene, is_free=True)
+    model = camera(EVERYTHING, scene, free=ALL)
     shift = torch.tensor([1.0, 0.0], dtype=torch.float64)
     _, column = torch.func.jvp(
         lambda s: model(image, model.parameters._replace(shift_px=s)), (model.parameters.shift_px,), (shift,)
@@ -205,8 +228,8 @@ def test_forward_derivatives_agree_with_backward_ones(scene, image):
 
 def test_a_batch_of_cameras_is_each_of_them(scene, image):
     configs = [UPRIGHT, UPRIGHT.model_copy(update={"shift_px": (-0.2, 0.6), "psf_px": 0.5, "ambient": 0.1})]
-    for is_free in (False, True):
-        models = [camera(config, scene, is_free=is_free) for config in configs]
+    for free in ((), ALL):
+        models = [camera(config, scene, free=free) for config in configs]
         batch = CameraParameters(*(torch.stack(v) for v in zip(*(m.parameters for m in models), strict=True)))
         images = torch.stack((image, image.flip(-1)))
         together = models[0](images, batch)
@@ -245,9 +268,9 @@ def test_an_even_field_stays_even(scene):
     assert (seen(one) - 1).abs().max() < 1e-13
 
 
-@pytest.mark.parametrize("is_free", [False, True])
-def test_whole_pixels_of_shift_are_exact(scene, image, is_free):
-    seen = camera(CameraConfig(frame_px=(30, 32), shift_px=(2.0, -3.0)), scene, is_free=is_free)(image)
+@pytest.mark.parametrize("free", [(), ALL])
+def test_whole_pixels_of_shift_are_exact(scene, image, free):
+    seen = camera(CameraConfig(frame_px=(30, 32), shift_px=(2.0, -3.0)), scene, free=free)(image)
     expected = torch.zeros(3, 32, 30, dtype=torch.float64)
     expected[:, 1:25, 5:29] = image
     assert (seen - expected).abs().max() < 1e-12

@@ -239,6 +239,7 @@ def test_cameras_that_make_no_photo_are_refused(caustic):
     assert "px of the window wide" in refusal(
         CameraConfig(frame_px=(96, 96), corners_px=((30, 30), (60, 30), (60, 60), (30, 60)))
     )
+    assert "so uneven" in refusal(CameraConfig(light=(0.9, 0.9, 0.0, 0.0, 0.0)))
     assert "3 camera channels" in refusal(CameraConfig(mosaic="rggb", mixing=((1, 0, 0), (0, 1, 0))))
     assert "2 entries for 3 wavelengths" in refusal(CameraConfig(psf_px=(0.1, 0.2)))
     assert "columns" in refusal(CameraConfig(mixing=((1.0, 0.0),)))
