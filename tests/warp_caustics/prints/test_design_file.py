@@ -135,7 +135,7 @@ def test_waves_and_ends_are_the_seeds(tmp_path):
     one, again, other = (design(tmp_path, text % seed).paths[0] for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.widths_m, again.widths_m)
     assert len(one.widths_m) == len(other.widths_m) and np.abs(one.widths_m - other.widths_m).max() > 1e-5
-    assert 0.9 * 2e-3 <= one.widths_m.min() and one.widths_m.max() <= 1.1 * 1.3 * 2e-3
+    assert one.widths_m.min() >= 0.9 * 2e-3 and one.widths_m.max() <= 1.1 * 1.3 * 2e-3
     np.testing.assert_allclose(one.heights_m / one.widths_m, 0.15)
 
 
@@ -169,7 +169,10 @@ def test_old_lists_are_what_they_were(tmp_path):
     np.testing.assert_allclose(
         design_relief(read_design(old), 64, PLATE), line_relief(read_lines(old), 64, PLATE), atol=1e-15
     )
-    for text, word in ((f"merge: max\nlines:\n- {{{LINE}, {SIZE}}}\n", "merge"), (f"- {{{LINE}, passes: 2}}", "passes")):
+    for text, word in (
+        (f"merge: max\nlines:\n- {{{LINE}, {SIZE}}}\n", "merge"),
+        (f"- {{{LINE}, passes: 2}}", "passes"),
+    ):
         file = write(tmp_path, text)
         assert is_design(file)
         with pytest.raises(InputError, match=f"is a design with '{word}'"):
