@@ -54,10 +54,10 @@ def simulate(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Simulate the caustic of HEIGHTS, a map of the relief in metres or a list of printed lines.
+    """Simulate the caustic of HEIGHTS, a map of the relief in metres, a list of printed lines or a design.
 
-    Maps are .npy, .npz, .tif or .h5 files, lists .csv or .yaml. The number of height samples is that of the map, unless
-    --config or --set say otherwise.
+    Maps are .npy, .npz, .tif or .h5 files, lists and designs .csv or .yaml. The number of height samples is that of the
+    map, unless --config or --set say otherwise.
     """
     import numpy as np
 

@@ -5,10 +5,12 @@ Drawn per relief; the number of passes and the phases of waves per line.
 Off by default: a pattern without it draws and prints as before, to the bit.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from data_gen.intervals import (
@@ -23,7 +25,7 @@ from warp_caustics.prints.chains import chains_of_rows, rows_of
 from warp_caustics.prints.fibre import MOST_PASSES, fibre_area_m2
 from warp_caustics.prints.imperfections import thick_ends, wavy
 from warp_caustics.prints.paths import MAX, SUM
-from warp_caustics.prints.rows import JOINED
+from warp_caustics.prints.rows import JOINED, ROW_COLUMNS
 from warp_caustics.prints.sections import KINDS, SectionName, cap_proportion, named_section
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
@@ -183,40 +185,58 @@ def draw_making(making: Making, plate_size_m: tuple[float, float], rng: np.rando
     return MadePrint(traits, diameter, *along)
 
 
-def made_strokes(strokes: FloatArray, making: Making, made: MadePrint, rng: np.random.Generator) -> FloatArray:
-    """Strokes of a pattern as they come out of the machine.
+def made_strokes(
+    strokes: Sequence[FloatArray],
+    making: Making,
+    made: Sequence[MadePrint],
+    generators: Sequence[np.random.Generator],
+) -> list[FloatArray]:
+    """Strokes of patterns as they come out of the machine; a relief is the same alone and in a batch, to the bit.
 
     Args:
-        strokes: as the pattern says, shape [L, 7] (STROKE_COLUMNS) [m].
+        strokes: of each relief as its pattern says, shape [L, 7] (STROKE_COLUMNS) [m].
         making: gives the number of passes.
-        made: of this relief.
-        rng: source of randomness, for passes and phases of each line.
+        made: of each relief.
+        generators: of each relief, for passes and phases of its lines.
 
     Returns:
-        Shape [M, 7], M at least L.
+        Of each relief, shape [M, 7], M at least L.
     """
+    sized, phases = [], []
+    for own, print_, rng in zip(strokes, made, generators, strict=True):
+        line = np.cumsum(own[:, 0] != JOINED) - 1
+        count = int(line[-1]) + 1 if len(line) else 0
+        passes = rng.integers(*making.passes, count, endpoint=True)
+        phases.append(rng.uniform(0.0, 2 * np.pi, (count, 4)))
+        sized.append(_of_glass(own, print_, passes[line] if count else np.ones(0)))
+    if not making.changes_along:
+        return sized
+    counts = [len(each) for each in phases]
+    values = {
+        name: np.repeat([getattr(print_, name) for print_ in made], counts)
+        for name in ("waviness", "sideways_m", "wavelength_m", "end_thickness", "end_length_m")
+    }
+    chains = chains_of_rows(np.concatenate([np.zeros((0, len(ROW_COLUMNS))), *sized]))
+    if making.waviness[1] > 0 or making.sideways_m[1] > 0:
+        chains = wavy(chains, values["waviness"], values["sideways_m"], values["wavelength_m"], np.concatenate(phases))
+    if making.end_thickness[1] > 0:
+        chains = thick_ends(chains, values["end_thickness"], values["end_length_m"])
+    # Lines of the relief after come behind its last.
+    first = np.append(chains.first, len(chains.points_m))[np.cumsum(counts)[:-1]]
+    return np.split(rows_of(chains), first)
+
+
+def _of_glass(strokes: FloatArray, made: MadePrint, passes: npt.NDArray[Any]) -> FloatArray:
+    """Strokes, shape [L, 7], with the width and height that their fibre and passes, shape [L], or their cap gives."""
     strokes = strokes.copy()
-    line = np.cumsum(strokes[:, 0] != JOINED) - 1
-    count = int(line[-1]) + 1 if len(line) else 0
-    passes = rng.integers(*making.passes, count, endpoint=True)
-    phases = rng.uniform(0.0, 2 * np.pi, (count, 4))
-    if not count:
-        return strokes
     section, proportion = made.traits.cross_section, cap_proportion(made.traits.contact_angle_rad)
-    grown = np.sqrt(passes)[line]
+    # Passes keep the proportions: width and height go with the root of the glass.
+    grown = np.sqrt(passes)
     if made.fibre_diameter_m > 0:
-        # The same in the plane for all passes: width and height go with the root of the glass.
         width = np.sqrt(fibre_area_m2(made.fibre_diameter_m) / (section.area_factor() * proportion))
         strokes[:, 5], strokes[:, 6] = width * grown, proportion * width * grown
-    else:
-        if section.kind == "cap":
-            strokes[:, 6] = proportion * strokes[:, 5]
-        strokes[:, 5:7] *= grown[:, None]
-    if not making.changes_along:
         return strokes
-    chains, whole = chains_of_rows(strokes), np.ones(count)
-    if made.waviness > 0 or made.sideways_m > 0:
-        chains = wavy(chains, made.waviness * whole, made.sideways_m * whole, made.wavelength_m * whole, phases)
-    if made.end_thickness > 0:
-        chains = thick_ends(chains, made.end_thickness * whole, made.end_length_m * whole)
-    return rows_of(chains)
+    if section.kind == "cap":
+        strokes[:, 6] = proportion * strokes[:, 5]
+    strokes[:, 5:7] *= grown[:, None]
+    return strokes

@@ -43,23 +43,28 @@ class Reliefs:
 
     def true(self, ids: Sequence[int]) -> torch.Tensor:
         """Printed heights [m], shape [len(ids), n, n], float32."""
-        return self._printed([self.strokes(sample) for sample in ids], ids)
+        return self._printed(self.drawn(ids), ids)
 
     def perturbed(self, ids: Sequence[int]) -> tuple[torch.Tensor, dict[str, np.ndarray[Any, Any]]]:
         """Heights of the perturbed strokes [m], shape [len(ids), n, n], and how many strokes were clamped."""
-        drawn = [self.perturbed_strokes(self.strokes(sample), sample) for sample in ids]
+        drawn = [self.perturbed_strokes(*pair) for pair in zip(self.drawn(ids), ids, strict=True)]
         names = drawn[0][1] if drawn else {}
         counters = {name: np.array([count[name] for _, count in drawn], dtype=np.float64) for name in names}
         return self._printed([strokes for strokes, _ in drawn], ids), counters
 
     def strokes(self, sample: int) -> np.ndarray[Any, Any]:
         """What is printed for a sample, drawn on the CPU."""
+        return self.drawn([sample])[0]
+
+    def drawn(self, ids: Sequence[int]) -> list[np.ndarray[Any, Any]]:
+        """What is printed for samples, drawn on the CPU."""
         pattern = self.config.reliefs
-        strokes = draw_strokes(pattern, sample_generator(self.fingerprint, "relief", sample))
-        made = made_print(self.config, self.fingerprint, sample)
-        if pattern.making is None or made is None:
+        strokes = [draw_strokes(pattern, sample_generator(self.fingerprint, "relief", sample)) for sample in ids]
+        if pattern.making is None:
             return strokes
-        return made_strokes(strokes, pattern.making, made, sample_generator(self.fingerprint, "making", sample))
+        made = [made_print(self.config, self.fingerprint, sample) for sample in ids]
+        generators = [sample_generator(self.fingerprint, "making", sample) for sample in ids]
+        return made_strokes(strokes, pattern.making, [each for each in made if each is not None], generators)
 
     def records(self, ids: Sequence[int]) -> dict[str, np.ndarray[Any, Any]]:
         """How samples are made, a number each by name, for their manifests; nothing where the pattern has no making."""

@@ -27,6 +27,7 @@ RUN = [
     (r"nsfc weights ", {}, ()),
     (r"nsfc plan ", {}, ()),
     (r"nsfc simulate .*--camera \./", None, "a file of the page; tests/cli/test_simulate_camera.py reads it"),
+    (r"nsfc simulate examples/", None, "files of the checkout; tests/cli/test_simulate.py runs it"),
     (r"nsfc simulate ", {}, SMALL),
     (r"nsfc data build .*--scheduler", None, "needs a Dask scheduler; tests/data_gen/store/test_cluster.py has one"),
     (r"nsfc data build ", {r"--n \d+": "--n 2"}, SMALL),

@@ -66,7 +66,7 @@ class StrokeStream:
 
     def _drawn(self, ids: range) -> list[torch.Tensor]:
         """Traits, strokes and, where wanted, perturbed strokes."""
-        sets = [[self.source.strokes(sample) for sample in ids]]
+        sets = [self.source.drawn(ids)]
         if self.with_start:
             pairs = zip(sets[0], ids, strict=True)
             sets.append([self.source.perturbed_strokes(strokes, sample)[0] for strokes, sample in pairs])

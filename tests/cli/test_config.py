@@ -1,5 +1,8 @@
 """Configuration files: what is read, what is refused, and with which words."""
 
+import hashlib
+import json
+
 import pytest
 import yaml
 
@@ -197,3 +200,26 @@ def test_data_sets_take_what_is_given_and_suit_their_kind_otherwise():
     assert (updater.noisy.preset, updater.noisy.n_photons, updater.clean.n_photons) == ("lattice", 1000, None)
     paper = dataset_config(load_config("paper"), kind="updater", n_samples=3)
     assert (paper.noisy.preset, paper.clean.n_photons) == ("paper", 16_000_000)
+
+
+def test_sections_that_are_off_are_switched_on_by_a_key_and_off_by_null():
+    """Making and variety of prints; a file may leave the rest of a section to its defaults."""
+    on = load_config(None, ["reliefs.making.passes=[1, 6]", "reliefs.making.fibre_diameter_m=[0.4mm, 0.5mm]"])
+    assert on.reliefs.making.passes == (1, 6) and on.reliefs.making.fibre_diameter_m == (4e-4, 5e-4)
+    assert on.reliefs.making.sections == ("cap",)
+    off = load_config(None, ["reliefs.making.passes=[1, 6]", "reliefs.making=null"])
+    assert off == load_config() and on.fingerprint() != off.fingerprint()
+    assert load_config(None, ["reliefs.variety.bow_m=20um"]).reliefs.variety.bow_m == 2e-5
+    with pytest.raises(InputError, match="making.pases: unknown key; did you mean 'passes'"):
+        load_config(None, ["reliefs.making.pases=[1, 6]"])
+    with pytest.raises(InputError, match="variety and making both draw sections"):
+        load_config(None, ["reliefs.making.passes=[1, 6]", "reliefs.variety.bow_m=20um"])
+    with pytest.raises(InputError, match="114.6 degrees, is above 90"):
+        load_config(None, ["reliefs.making.contact_angle_rad=[1, 2]"])
+
+
+def test_making_that_is_off_is_not_in_the_fingerprint():
+    """Results name the fingerprint of configurations from before prints could be made otherwise."""
+    tree = Config().model_dump(mode="json")
+    assert tree["reliefs"].pop("making") is None
+    assert Config().fingerprint() == hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()

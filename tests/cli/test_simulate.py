@@ -1,6 +1,7 @@
 """``nsfc simulate``."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,3 +193,26 @@ def test_any_number_of_wavelengths(tmp_path, inputs, count):
         == 0
     )
     assert np.load(tmp_path / "x.npy").shape == (count, 80, 80)
+
+
+def test_a_design_is_simulated_as_its_relief(tmp_path):
+    """Of the examples, and one that overhangs is refused with its contact angle before anything is computed."""
+    from warp_caustics.prints.design_file import design_relief, read_design
+
+    file = Path(__file__).parents[2] / "examples" / "designs" / "fibre.yaml"
+    np.save(tmp_path / "map.npy", design_relief(read_design(file), 32, (0.05, 0.05)))
+    images = []
+    for name in (file, tmp_path / "map.npy"):
+        assert simulate(name, tmp_path / "out.npy", "--force") == 0
+        images.append(np.load(tmp_path / "out.npy"))
+    np.testing.assert_array_equal(*images)
+
+
+def test_a_design_that_overhangs_is_refused(tmp_path, capsys):
+    (tmp_path / "design.yaml").write_text(
+        "fibre_diameter_mm: 0.4\nlines:\n- {start_x_mm: 0, start_y_mm: 0, end_x_mm: 9, end_y_mm: 0, width_mm: 0.4}\n"
+    )
+    assert simulate(tmp_path / "design.yaml", tmp_path / "out.npy") == 3
+    error = capsys.readouterr().err
+    assert "line 1: 0.1257 mm^2 of glass on a foot of 0.4 mm has a contact angle of" in error
+    assert "at least 0.566 mm wide" in error and not (tmp_path / "out.npy").exists()

@@ -82,7 +82,7 @@ def test_lines_of_a_fibre_hold_its_glass():
         making = Making(sections=("cap", "cosine", "gaussian"), fibre_diameter_m=(4e-4, 4e-4), passes=(1, 6))
         made = draw_making(making, PLATE, generator(sample, "traits"))
         drawn = draw_strokes(ReliefConfig(), generator(sample, "relief"))
-        strokes = made_strokes(drawn, making, made, generator(sample))
+        (strokes,) = made_strokes([drawn], making, [made], [generator(sample)])
         section = made.traits.cross_section
         passes = section.area_factor() * strokes[:, 5] * strokes[:, 6] / (math.pi / 4 * 4e-4**2)
         np.testing.assert_allclose(passes, passes.round(), rtol=1e-9)
@@ -95,12 +95,13 @@ def test_lines_of_a_fibre_hold_its_glass():
 def test_caps_without_a_fibre_take_their_height_from_the_width():
     made = draw_making(Making(passes=(4, 4)), PLATE, generator(0, "traits"))
     drawn = draw_strokes(ReliefConfig(), generator(0, "relief"))
-    strokes = made_strokes(drawn, Making(passes=(4, 4)), made, generator())
+    (strokes,) = made_strokes([drawn], Making(passes=(4, 4)), [made], [generator()])
     np.testing.assert_allclose(strokes[:, 5], 2 * drawn[:, 5])
     np.testing.assert_allclose(strokes[:, 6], np.tan(made.traits.contact_angle_rad / 2) / 2 * strokes[:, 5])
     other = Making(sections=("parabola",), passes=(4, 4))
     made = draw_making(other, PLATE, generator(0, "traits"))
-    np.testing.assert_allclose(made_strokes(drawn, other, made, generator())[:, 5:], 2 * drawn[:, 5:])
+    (strokes,) = made_strokes([drawn], other, [made], [generator()])
+    np.testing.assert_allclose(strokes[:, 5:], 2 * drawn[:, 5:])
 
 
 def test_ranges_are_kept_and_filled():
@@ -127,10 +128,12 @@ def test_ranges_are_kept_and_filled():
 
 
 def test_a_sample_is_its_own():
-    """By its number alone, in any batch."""
-    for pattern in ("lines", "text"):
+    """By its number alone, in any batch, to the bit."""
+    for pattern in ("lines", "rings", "text"):
         config = dataset(pattern, ALL_OF_IT)
         reliefs = Reliefs(config, "cpu")
+        for sample, strokes in enumerate(reliefs.drawn(range(6))):
+            np.testing.assert_array_equal(strokes, reliefs.strokes(sample))
         together = reliefs.true(range(6))
         apart = torch.cat([Reliefs(config, "cpu").true([k]) for k in reversed(range(6))]).flip(0)
         # Padding to the same number of rows moves blocks of nothing only.
@@ -177,9 +180,12 @@ def test_rings_are_flattened_only_where_they_change():
     drawn = draw_strokes(RingsConfig(), generator(0, "relief"))
     for making, kinds in ((still, {RING}), (wavy, {BEGIN, JOINED})):
         made = draw_making(making, PLATE, generator(0, "traits"))
-        assert set(made_strokes(drawn, making, made, generator())[:, 0]) == kinds
-    empty = made_strokes(np.zeros((0, 7)), wavy, made, generator())
-    assert empty.shape == (0, 7)
+        bare, both = np.zeros((0, 7)), [generator(), generator()]
+        strokes, empty = made_strokes([drawn, bare], making, [made, made], both)
+        assert set(strokes[:, 0]) == kinds and empty.shape == (0, 7)
+        empty, again = made_strokes([bare, drawn], making, [made, made], [generator(), generator()])
+        np.testing.assert_array_equal(again, strokes)
+        assert empty.shape == (0, 7)
 
 
 def test_the_faster_kernel_is_used_where_it_can_be():

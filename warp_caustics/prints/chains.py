@@ -1,6 +1,7 @@
 """Many printed lines along points at once: how long they are, points between points, and as rows.
 
-Arrays hold the points of all lines one after another, so that a print of hundreds of pieces costs a few calls.
+Arrays hold the points of all lines one after another, so that prints of thousands of pieces cost a few calls. What
+becomes of a line depends on nothing but that line, to the bit: a sample is the same alone and in a batch.
 """
 
 from collections.abc import Sequence
@@ -48,11 +49,13 @@ class Chains:
     @cached_property
     def arc_m(self) -> FloatArray:
         """Way from the line's first point [m], shape [N]."""
-        steps = np.zeros(len(self.points_m))
-        steps[1:] = np.hypot(*np.diff(self.points_m, axis=0).T)
-        steps[self.first] = 0.0
-        total = np.cumsum(steps)
-        return np.asarray(total - total[self.first][self.line])
+        # Line by line: sums over all lines would round otherwise in another batch.
+        counts = self.last - self.first + 1
+        steps = np.zeros((len(counts), int(counts.max(initial=1))))
+        place = np.arange(len(self.points_m)) - self.first[self.line]
+        length = np.hypot(*np.diff(self.points_m, axis=0).T)
+        steps[self.line[1:], place[1:]] = np.where(place[1:] > 0, length, 0.0)
+        return np.asarray(np.cumsum(steps, axis=1)[self.line, place])
 
     @cached_property
     def lengths_m(self) -> FloatArray:
@@ -116,22 +119,29 @@ def with_points(chains: Chains, lines: IntArray, arcs_m: FloatArray) -> Chains:
         arcs_m: ways from their first points [m], shape [M], within the lines' lengths.
     """
     own, arc = chains.line, chains.arc_m
-    # One coordinate for all lines, one after another, so that one interpolation serves all.
-    ends = chains.lengths_m + 1e-3
-    offsets = np.cumsum(ends) - ends
-    places = offsets[own] + arc
-    every = np.unique(np.concatenate([places, offsets[lines] + arcs_m]))
-    line = np.searchsorted(offsets, every, side="right") - 1
+    line, place = np.concatenate([own, lines]), np.concatenate([arc, arcs_m])
+    is_old = np.arange(len(line)) < len(own)
+    # Line by line and on along each; at the same place the old point comes first, and is the one that stays.
+    order = np.lexsort((~is_old, place, line))
+    line, place = line[order], place[order]
+    before = np.cumsum(is_old[order]) - 1
+    stays = np.ones(len(line), dtype=bool)
+    stays[1:] = (np.diff(line) > 0) | (np.diff(place) > 0)
+    line, place, before = line[stays], place[stays], before[stays]
+    after = np.minimum(before + 1, chains.last[line])
+    gap = arc[after] - arc[before]
+    part = np.where(gap > 0, (place - arc[before]) / np.where(gap > 0, gap, 1.0), 0.0)
 
     def between(values: FloatArray) -> FloatArray:
-        return np.asarray(np.interp(every, places, values))
+        step = values[after] - values[before]
+        return np.asarray(values[before] + (part if values.ndim == 1 else part[:, None]) * step)
 
-    points = np.stack([between(chains.points_m[:, 0]), between(chains.points_m[:, 1])], axis=1)
-    first = np.searchsorted(line, np.arange(len(chains.first)))
-    # Exactly where they were: closed lines stay closed.
-    last = np.append(first[1:], len(every)) - 1
-    points[first], points[last] = chains.points_m[chains.first], chains.points_m[chains.last]
-    return Chains(points, between(chains.widths_m), between(chains.heights_m), first)
+    return Chains(
+        between(chains.points_m),
+        between(chains.widths_m),
+        between(chains.heights_m),
+        np.searchsorted(line, np.arange(len(chains.first))),
+    )
 
 
 def subdivided(chains: Chains, steps_m: FloatArray) -> Chains:
