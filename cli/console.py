@@ -21,6 +21,10 @@ _PACE_ITERATIONS = 16
 """Iterations over which a rate is taken: steady enough to read, quick to follow changes."""
 
 
+_ESTIMATE_ITERATIONS, _ESTIMATE_S = 3, 1.0
+"""Iterations, and time that they took [s], after which the time of a stage is told: the first compiles and plans."""
+
+
 class Console:
     """Output of one command.
 
@@ -115,6 +119,13 @@ class _Pace:
         self.stage = ""
         self.recent: deque[tuple[float, int]] = deque(maxlen=_PACE_ITERATIONS)
 
+    def stage_s(self, state: "Progress") -> float | None:
+        """Time that the whole stage takes at most [s]; None before enough iterations to tell."""
+        (first_s, first), (last_s, last) = self.recent[0], self.recent[-1]
+        if len(self.recent) < _ESTIMATE_ITERATIONS or last <= first or last_s - first_s < _ESTIMATE_S:
+            return None
+        return (last_s - first_s) / (last - first) * state.total
+
     def __call__(self, state: "Progress") -> str:
         if state.stage != self.stage:
             # Iterations of another stage take another time.
@@ -137,11 +148,15 @@ def _residual(state: "Progress", before: str = "") -> str:
 
 def _log_lines() -> Callable[["Progress"], None]:
     last: tuple[str, float] = ("", -math.inf)
-    pace = _Pace()
+    pace, estimated = _Pace(), ""
 
     def show(state: "Progress") -> None:
-        nonlocal last
+        nonlocal last, estimated
         speed = pace(state)
+        if state.stage != estimated and (wait_s := pace.stage_s(state)) is not None:
+            estimated = state.stage
+            if wait_s > LOG_INTERVAL_S:
+                click.echo(f"estimate   {state.stage}: at most {about(wait_s)} on this machine", err=True)
         if state.stage == last[0] and state.elapsed_s - last[1] < LOG_INTERVAL_S:
             return
         last = state.stage, state.elapsed_s

@@ -194,11 +194,15 @@ def testset(
 
     config = load_config(config_source, settings)
     started = start_device(device)
+    from cli.parts_progress import parts_progress
     from cli.testset import write_testset
 
     console = Console(as_json)
     photons = config.data.clean.n_photons
-    record = write_testset(directory, config.scene, started, fields, which, force=force, n_photons=photons)
+    with parts_progress(console, "fields") as told:
+        record = write_testset(
+            directory, config.scene, started, fields, which, force=force, n_photons=photons, told=told
+        )
     for name, rms in zip(record["fields"], record["flat_guess_rmse_um"], strict=True):
         console.line(f"field      {name}: heights and image, {rms:.1f} um from flat")
     console.record(record)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console, terminal_bar
+from cli.parts_progress import PartsPace
 
 if TYPE_CHECKING:
     import optuna
@@ -25,7 +26,10 @@ def search_progress(console: Console, study: "optuna.Study", n_trials: int) -> I
         study: as it is now; its trials so far are not told again.
         n_trials: finished trials in the end.
     """
+    from nets.search.study import count
+
     told = {trial.number for trial in study.get_trials(deepcopy=False) if trial.state.is_finished()}
+    pace = PartsPace(count(study).finished)
     if console.as_json:
         yield lambda study: None
     elif sys.stderr.isatty():
@@ -38,17 +42,21 @@ def search_progress(console: Console, study: "optuna.Study", n_trials: int) -> I
             def show(study: "optuna.Study") -> None:
                 for line in new_lines(study, told):
                     bar.console.print(line, highlight=False)
-                from nets.search.study import count
-
                 counts = count(study)
-                bar.update(task, completed=counts.finished, text=f"{counts.running} running")
+                ahead = pace(counts.finished, n_trials)
+                text = f"{counts.running} running{', ' * bool(ahead)}{ahead}"
+                bar.update(task, completed=counts.finished, text=text)
 
             show(study)
             yield show
     else:
 
         def echo(study: "optuna.Study") -> None:
-            for line in new_lines(study, told):
+            lines = new_lines(study, told)
+            if lines:
+                ahead = pace(count(study).finished, n_trials)
+                lines[-1] += f"; {count(study).finished} of {n_trials} trials, {ahead}" if ahead else ""
+            for line in lines:
                 click.echo(line, err=True)
 
         yield echo

@@ -1,7 +1,7 @@
 """Development or test fields as files, ready for ``nsfc reconstruct`` and ``nsfc compare``."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from warp_caustics.io.images import write_image
 from warp_caustics.io.json_file import write_json
 from warp_caustics.scene import Scene
 
+if TYPE_CHECKING:
+    from cli.parts_progress import Told
+
 
 def testset_kind() -> ResultKind:
     """What a folder of test fields holds."""
@@ -37,6 +40,7 @@ def write_testset(
     *,
     force: bool = False,
     n_photons: int | None = None,
+    told: "Told | None" = None,
 ) -> dict[str, Any]:
     """Write ``field_0_heights.npy``, ``field_0_image.tif`` ... and ``testset.json``.
 
@@ -48,6 +52,7 @@ def write_testset(
         which: the set.
         force: replace earlier test fields.
         n_photons: light paths per wavelength; None for those of the test set.
+        told: called with the number of fields done and of all.
 
     Returns:
         What ``testset.json`` holds.
@@ -57,15 +62,21 @@ def write_testset(
     """
     count, kind = field_count(which, fields), testset_kind()
     with result_folder(check_target(directory, force, kind), force, kind) as folder:
-        return _write(folder, scene, device, count, which, n_photons)
+        return _write(folder, scene, device, count, which, n_photons, told)
 
 
 def _write(
-    folder: Path, scene: Scene, device: str, fields: int, which: FieldSet, n_photons: int | None
+    folder: Path,
+    scene: Scene,
+    device: str,
+    fields: int,
+    which: FieldSet,
+    n_photons: int | None,
+    told: "Told | None",
 ) -> dict[str, Any]:
     heights = field_heights(scene, device, which)[:fields].astype(np.float64)
     photons = TEST_PHOTONS.model_copy(update={"n_photons": n_photons} if n_photons is not None else {})
-    images = field_images(scene, device, fields=fields, photons=photons, which=which)
+    images = field_images(scene, device, fields=fields, photons=photons, which=which, told=told)
     names = [f"field_{k}" for k in range(fields)]
     for name, relief, image in zip(names, heights, images, strict=True):
         write_heights(folder / f"{name}_heights.npy", relief)

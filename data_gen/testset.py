@@ -9,6 +9,7 @@ Their images come from a photon set that training and reconstruction never use
 1 % of white noise is added.
 """
 
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
@@ -77,6 +78,7 @@ def field_images(
     photons: PhotonConfig = TEST_PHOTONS,
     fields: int | None = None,
     which: FieldSet = "development",
+    told: Callable[[int, int], None] | None = None,
 ) -> npt.NDArray[np.float32]:
     """Images of a set of fields [W/m^2], shape [fields, n_w, m, m].
 
@@ -87,10 +89,12 @@ def field_images(
         photons: how to simulate.
         fields: how many, the first ones; all if None.
         which: the set.
+        told: called with the number of images done and of all, before each and after the last.
 
     Raises:
         InputError: more fields than there are.
     """
+    told = told or (lambda done, total: None)
     count = field_count(which, fields)
     config = fields_config(scene, which)
     fingerprint = fields_config(which=which).sample_fingerprint()
@@ -99,9 +103,11 @@ def field_images(
     flat = np.array(config.scene.radiosity_W_m2)[:, None, None]
     images = []
     for field, relief in enumerate(heights[:count]):
+        told(field, count)
         simulator.reseed(sample_seed(fingerprint, "photons/test", field))
         image = simulator(relief).cpu().numpy()
         noise = sample_generator(fingerprint, "noise", field).standard_normal(image.shape)
         # A camera does not count below zero.
         images.append(np.maximum(image + noise_std * flat * noise, 0.0).astype(np.float32))
+    told(count, count)
     return np.stack(images)

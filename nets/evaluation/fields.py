@@ -7,7 +7,7 @@ depend on the order of threads, and another image would be another comparison.
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,7 +111,7 @@ def file_sources(texts: Sequence[str], scene: Scene) -> list[Source]:
 
 
 def prepare(sources: Sequence[Source], scene: Scene, photons: PhotonConfig, noise: float, folder: Path, device: str,
-            ) -> list[Field]:  # fmt: skip
+            told: Callable[[int, int], None] | None = None) -> list[Field]:  # fmt: skip
     """Fields with their images; what is already in the folder is not simulated again.
 
     Args:
@@ -121,10 +121,13 @@ def prepare(sources: Sequence[Source], scene: Scene, photons: PhotonConfig, nois
         noise: standard deviation, relative to the light through a flat plate.
         folder: where images are kept.
         device: where to simulate.
+        told: called with the number of fields done and of all.
     """
     simulator: CausticSimulator | None = None
-    fields = []
+    fields: list[Field] = []
     for source in sources:
+        if told is not None:
+            told(len(fields), len(sources))
         if source.given is not None:
             folds = fold_fraction(source.heights_m, scene)
             fields.append(Field(source.name, source.heights_m, source.given, folds, "file", source.warnings))

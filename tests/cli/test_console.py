@@ -23,8 +23,16 @@ def test_log_lines_come_now_and_then(capsys):
     captured = capsys.readouterr()
     assert captured.out == ""
     lines = captured.err.splitlines()
-    assert len(lines) == 5  # at 0.5, 10.5, 20.5, ... s
-    assert lines[1] == "[   10.5 s] level 1: 21 of 100, residual 0.0476, 2/s, at most 0:00:40 left"
+    assert len(lines) == 6  # at 0.5, 10.5, 20.5, ... s, and the estimate
+    assert lines[1] == "estimate   level 1: at most about 50 s on this machine"
+    assert lines[2] == "[   10.5 s] level 1: 21 of 100, residual 0.0476, 2/s, at most 0:00:40 left"
+
+
+def test_short_stages_get_no_estimate(capsys):
+    """Nor does one whose first iterations have not told yet how long they take."""
+    run(Console(), states(18, step_s=0.5))
+    run(Console(), states(2, step_s=30.0))
+    assert "estimate" not in capsys.readouterr().err
 
 
 def test_each_stage_is_announced(capsys):
@@ -72,7 +80,7 @@ def test_without_json_no_record_is_printed(capsys):
 
 def test_lines_tell_rate_and_time_left(capsys):
     run(Console(), states(60, step_s=1.0))
-    lines = capsys.readouterr().err.splitlines()
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("estimate")]
     assert lines[1].endswith("11 of 60, residual 0.0909, 1/s, at most 0:00:49 left")
 
 

@@ -322,3 +322,17 @@ def test_spectra_by_rings_are_the_same_every_time_and_those_of_a_plain_sum():
     means = (sums / modes)[:, 1:count]
     np.testing.assert_array_equal(rings.modes, modes[1:count])
     np.testing.assert_allclose(np.concatenate((spectra, simulations, powers)), means, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("has_gaps", [False, True])
+def test_a_gpu_finds_the_same_camera(has_gaps):
+    measured = stacked(lines(RED, blur=1), lines(blur=1), lines(BLUE, blur=1)) + noise(3, PIXELS, PIXELS)
+    weight = torch.ones_like(measured)
+    if has_gaps:
+        weight[:, 40, 50:52] = 0
+    here = found(measured, CLEAN, weight)
+    there = found(measured.cuda(), CLEAN.cuda(), weight.cuda())
+    for name in ("shift", "scale", "blur", "gain", "ambient"):
+        np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-4)
