@@ -22,6 +22,7 @@ import numpy as np
 from warp_caustics.capture.frames import MAX_SATURATED, check_frame, divide_by_flat, saturated, take_dark, take_flat
 from warp_caustics.capture.hot_pixels import replace_hot_pixels
 from warp_caustics.capture.mixing import check_mixed_count, unmix
+from warp_caustics.capture.near_lamp import is_near, restore_falloff
 from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.registration import check_in_photo
 from warp_caustics.capture.resample import MARGIN_PX, resample
@@ -86,6 +87,8 @@ def calibrated(shot: Shot) -> Capture:
     factor = 1.0 if shot.registration is None else resample(work, shot.registration, scene.image_pixels)
     if shot.flat is None:
         scale_without_flat(work, shot)
+    elif is_near(scene):
+        restore_falloff(work, scene)
     warn_of_energy(work)
     noise = [
         factor * estimate_noise_std(signal, level, mask)
