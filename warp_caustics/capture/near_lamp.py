@@ -30,7 +30,7 @@ def light_of_flat_plate(scene: "Scene") -> "FloatArray":
     with torch.no_grad():
         image = simulator(torch.zeros(scene.height_samples, scene.height_samples)).double().numpy()
     level = np.array(scene.radiosity_W_m2)[:, None, None]
-    return np.divide(image, level, out=np.ones_like(image), where=level > 0)
+    return np.asarray(np.divide(image, level, out=np.ones_like(image), where=level > 0))
 
 
 def restore_falloff(work: Work, scene: "Scene") -> None:
