@@ -240,3 +240,11 @@ def test_errors_name_the_place_and_the_mend(tmp_path, text, message):
         read_design(file)
     assert message in str(caught.value) and "\n" not in str(caught.value)
     assert str(caught.value).count("design.yaml") == 1
+
+
+def test_the_example_of_the_page_is_read(tmp_path):
+    """docs/prints.md: six passes, a meander and five letters."""
+    page = (EXAMPLES.parent / "docs" / "prints.md").read_text(encoding="utf-8")
+    found = design(tmp_path, page.split("```yaml\n")[1].split("```")[0])
+    assert len(found.paths) >= 7 and found.merging == MAX
+    assert 3e-4 < design_relief(found, 64, PLATE).max() < 1e-3
