@@ -24,7 +24,7 @@ SECTIONS = ("cosine", "quarter")
     metavar="DESIGN",
     type=click.Path(),
     required=True,
-    help="Height map in metres, solid in millimetres (.stl, .ply, .obj), or list of printed lines (.csv, .yaml).",
+    help="Height map in metres, solid in millimetres (.stl, .ply, .obj), printed lines or design (.csv, .yaml).",
 )
 @click.option(
     "--find-lines",

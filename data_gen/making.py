@@ -34,7 +34,7 @@ Overlap = Literal["sum", "max", "merge"]
 HAS_POWER = ("cosine", "parabola", "gaussian")
 """Sections whose exponent may be drawn."""
 
-SHORTEST_M = 2e-4
+SHORTEST_M = 5e-4
 """Shorter waves and ends are finer than height samples, and cost a piece each [m]."""
 
 Sag = Annotated[float, Field(ge=0, le=1e-3, allow_inf_nan=False)]

@@ -50,17 +50,19 @@ def perturb_strokes(
         height of 0, somewhere.
     """
     ranges = config.perturbation
-    line = np.cumsum(strokes[:, 0] != JOINED) - 1
-    count = int(line[-1]) + 1 if len(line) else 0
-    start = rng.uniform(*ranges.line_start_m, (count, 2))[line]
-    end = rng.uniform(*ranges.line_end_m, (count, 2))[line]
-    wider = rng.uniform(*ranges.line_width_m, count)[line]
-    higher = rng.uniform(*ranges.line_height_m, count)[line]
-    # A line of several pieces moves as one: each point by what its way from the start asks for.
-    at_start, at_end = (way[:, None] for way in _ways(strokes, line))
+    has_pieces = bool((strokes[:, 0] == JOINED).any())
+    line = np.cumsum(strokes[:, 0] != JOINED) - 1 if has_pieces else None
+    count = len(strokes) if line is None else int(line[-1]) + 1
+    start, end = rng.uniform(*ranges.line_start_m, (count, 2)), rng.uniform(*ranges.line_end_m, (count, 2))
+    wider, higher = rng.uniform(*ranges.line_width_m, count), rng.uniform(*ranges.line_height_m, count)
+    if line is not None:
+        # A line of several pieces moves as one: each point by what its way from the start asks for.
+        start, end, wider, higher = start[line], end[line], wider[line], higher[line]
+        at_start, at_end = (way[:, None] for way in _ways(strokes, line))
+        start, end = (1 - at_start) * start + at_start * end, (1 - at_end) * start + at_end * end
     moved = strokes.copy()
-    moved[:, 1:3] += (1 - at_start) * start + at_start * end
-    moved[:, 3:5] += (1 - at_end) * start + at_end * end
+    moved[:, 1:3] += start
+    moved[:, 3:5] += end
     moved[:, 5] += wider
     moved[:, 6] += higher
     is_ring = strokes[:, 0] == RING
@@ -69,8 +71,12 @@ def perturb_strokes(
     is_narrow, is_missing = moved[:, 5] < config.smallest_width_m, moved[:, 6] < 0
     moved[is_narrow, 5] = config.smallest_width_m
     moved[is_missing, 6] = 0.0
-    counters = {"narrow_strokes": is_narrow, "missing_strokes": is_missing}
-    return moved, {name: len(np.unique(line[rows])) for name, rows in counters.items()}
+    return moved, {"narrow_strokes": _lines_of(is_narrow, line), "missing_strokes": _lines_of(is_missing, line)}
+
+
+def _lines_of(rows: npt.NDArray[np.bool_], line: npt.NDArray[np.intp] | None) -> int:
+    """How many lines have one of these rows."""
+    return int(rows.sum()) if line is None else len(set(line[rows].tolist()))
 
 
 def _ways(strokes: FloatArray, line: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:

@@ -63,6 +63,25 @@ def test_info_and_verify(updater, capsys):
     assert (record["shards_right"], record["n_shards"], record["problems"]) == (3, 3, [])
 
 
+def test_every_sample_of_made_prints_says_how_it_was_made(tmp_path, capsys):
+    """In the manifests, and the ranges in config.json; a set that is built again is the same."""
+    making = ("--set", "reliefs.pattern=curves", "--set", "reliefs.making.fibre_diameter_m=[0.4mm, 0.4mm]",
+              "--set", "reliefs.making.waviness=[0.01, 0.05]", "--set", "reliefs.making.overlaps=[max]")  # fmt: skip
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        assert build_set(folder, *making, n=4) == 0
+    first, second = ([CausticDataset(folder)[k]["heights"] for k in range(4)] for folder in folders)
+    np.testing.assert_array_equal(first, second)
+    manifest = json.loads((folders[0] / "shards" / "00000.json").read_text())["counters"]
+    assert manifest["print_fibre_diameter_m"] == [4e-4] * 3 and manifest["print_merging"] == [0.0] * 3
+    assert len(set(manifest["print_waviness"])) == 3 and 0.01 <= min(manifest["print_waviness"]) <= 0.05
+    assert len(set(manifest["print_contact_angle_rad"])) == 3
+    stored = json.loads((folders[0] / "config.json").read_text())["reliefs"]
+    assert stored["pattern"] == "curves" and stored["making"]["waviness"] == [0.01, 0.05]
+    assert main(["data", "info", str(folders[0])]) == 0
+    assert "print contact angle rad: mean" in capsys.readouterr().out
+
+
 def test_damage_is_named_and_repaired(updater, tmp_path, capsys):
     folder = tmp_path / "set"
     shutil.copytree(updater, folder)

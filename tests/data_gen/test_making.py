@@ -243,7 +243,7 @@ def test_data_sets_from_before_are_what_they_were(name):
         ({"passes": (1, 5000)}, "5000 is above 1000"),
         ({"waviness": (0.0, 1.5)}, r"\(0, 1\.5\) of the line; give 0 <= lowest <= highest <= 0\.9"),
         ({"sideways_m": (-0.1, 0.1)}, "below 0; give 0 for none"),
-        ({"wavelength_m": (1e-6, 1e-3)}, "1e-06 m is below 0.0002; raise it"),
+        ({"wavelength_m": (1e-6, 1e-3)}, "1e-06 m is below 0.0005; raise it"),
         ({"sections": ()}, "at least 1"),
         ({"sections": ("square",)}, "cosine"),
         ({"merging": (12.0, 2.0)}, "swap them"),

@@ -5,6 +5,7 @@ import resource
 import struct
 import zipfile
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,6 +127,26 @@ def test_tables(tmp_path, rounds):
         path.write_bytes(damaged(content, rng) if rng.random() < 0.3 else content)
         for read in (read_window_file, read_mixing, read_lines, lambda p: CsvTable(p, ("a",)).read()):
             check(lambda read=read: read(path), path.read_bytes())
+
+
+VALUES = [*CELLS, "[1, 2]", "[[1, 2], [3, 4]]", "[[]]", "{a: 1}", "~", "true", "0", "1e30", "-0.5", "3.7", "text"]
+
+
+def test_designs(tmp_path, rounds):
+    """Examples with a value exchanged, or bytes damaged."""
+    from warp_caustics.prints.design_file import read_design
+
+    rng = random.Random(6)
+    path = tmp_path / "x.yaml"
+    examples = [file.read_text() for file in sorted((Path(__file__).parents[2] / "examples/designs").glob("*.yaml"))]
+    assert len(examples) > 10
+    for _ in range(100 * rounds):
+        words = rng.choice(examples).split(": ")
+        at = rng.randrange(1, len(words))
+        rest = words[at].lstrip("-+.0123456789[]")
+        content = ": ".join([*words[:at], rng.choice(VALUES) + rest, *words[at + 1 :]]).encode()
+        path.write_bytes(damaged(content, rng) if rng.random() < 0.3 else content)
+        check(lambda: read_design(path), path.read_bytes())
 
 
 def test_solids(tmp_path, rounds):

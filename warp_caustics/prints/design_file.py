@@ -21,7 +21,7 @@ from warp_caustics.prints.curves import bezier_points, meander_points, ring_poin
 from warp_caustics.prints.design_words import design_values, word_of
 from warp_caustics.prints.fibre import cap_of_area, cap_of_width, fibre_area_m2, height_of_area, proportioned
 from warp_caustics.prints.font import text_lines
-from warp_caustics.prints.imperfections import thick_ends, wavy
+from warp_caustics.prints.imperfections import POINTS_PER_WAVE, thick_ends, wavy
 from warp_caustics.prints.line_list import QUANTITIES, read_rows
 from warp_caustics.prints.paths import MAX, SUM, PrintedPath, paths_relief
 from warp_caustics.prints.sections import (
@@ -40,6 +40,10 @@ SETTINGS = (*SIZES, *FLAWS, *BASE, "merge", "seed")
 LARGEST_CHANGE = 0.9
 """A line that is thinner than a tenth of itself somewhere is no line."""
 MOST_BASE_M = 1e-3
+SHORTEST_M = 1e-4
+"""Shorter waves and ends are finer than any height map [m]."""
+MOST_PIECES = 200_000
+"""Straight pieces of a design, which bounds memory and time."""
 
 Values = Mapping[str, Any]
 
@@ -86,12 +90,16 @@ def read_design(path: PathLike) -> PrintDesign:
     settings = design_values(found, name, SETTINGS)
     base = {word: settings.pop(word) for word in (*BASE, "merge", "seed") if word in settings}
     paths: list[PrintedPath] = []
+    pieces = known = 0
     for number, (where, row) in enumerate(rows):
         place = f"{name}, {where}"
         try:
             paths.extend(_paths(row, settings, int(base.get("seed", 0)), number, place))
         except InputError as error:
             raise InputError(str(error) if str(error).startswith(place) else f"{place}: {error}") from error
+        if (pieces := pieces + sum(len(path.points_m) for path in paths[known:])) > MOST_PIECES:
+            raise InputError(f"{name} has more than {MOST_PIECES} straight pieces; split the design")
+        known = len(paths)
     wave = base.get("base_wave", 0.0)
     for word in ("bow", "base_wave"):
         if abs(base.get(word, 0.0)) > MOST_BASE_M:
@@ -187,10 +195,13 @@ def _paths(row: Values, settings: Values, seed: int, number: int, where: str) ->
         if not 0 <= given.get(word, 0.0) <= LARGEST_CHANGE:
             raise InputError(f"{word} {given[word]:g} of the line; give 0 to {LARGEST_CHANGE:g}, for example 0.04")
     for word in ("wavelength", "end_length"):
-        if not given.get(word, 1.0) >= 1e-5:
-            raise InputError(f"{word} of {given[word] * 1e3:g} mm; give at least 0.01 mm")
+        if not given.get(word, 1.0) >= SHORTEST_M:
+            raise InputError(f"{word} of {given[word] * 1e3:g} mm; give at least {SHORTEST_M * 1e3:g} mm")
     share, sideways = given.get("waviness", 0.0), given.get("sideways", 0.0)
     if share or sideways:
+        waves = float(chains.lengths_m.sum()) / given.get("wavelength", 5e-3)
+        if waves * POINTS_PER_WAVE > MOST_PIECES:
+            raise InputError(f"{waves:.3g} waves along one line; give a longer wavelength")
         phases = np.random.default_rng([seed, number]).uniform(0, 2 * np.pi, (len(lines), 4))
         chains = wavy(chains, share * whole, sideways * whole, given.get("wavelength", 5e-3) * whole, phases)
     if given.get("end_thickness", 0.0):

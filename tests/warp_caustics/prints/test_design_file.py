@@ -218,7 +218,13 @@ def test_example_designs(name):
         (f"- {{shape: text, {SIZE}, cap_height_mm: 5, text: abc}}", "'a', which the stroke font does not have"),
         (f"- {{shape: meander, {SIZE}, length_mm: 5, spacing_mm: 1, rows: 2.5}}", "rows is 2.5; give a whole number"),
         (f"- {{{LINE}, {SIZE}, waviness: 2}}", "waviness 2 of the line; give 0 to 0.9"),
-        (f"- {{{LINE}, {SIZE}, waviness: 0.1, wavelength_um: 1}}", "wavelength of 0.001 mm; give at least 0.01 mm"),
+        (f"- {{{LINE}, {SIZE}, waviness: 0.1, wavelength_um: 1}}", "wavelength of 0.001 mm; give at least 0.1 mm"),
+        (
+            f"- {{shape: polyline, points_mm: {[[-900 + 1800 * (k % 2), k] for k in range(800)]}, {SIZE}, "
+            "waviness: 0.1, wavelength_mm: 0.1}",
+            "1.44e+07 waves along one line; give a longer wavelength",
+        ),
+        (f"- {{shape: ring, centre_mm: [0, 0], radius_mm: 900, {SIZE}}}\n" * 100, "more than 200000 straight pieces"),
         (f"- {{{LINE}, {SIZE}, width_um: 3, passes: 1}}", "width is given twice; keep one unit"),
         (f"- {{{LINE}, width_mm: 0, height_mm: 1, section: cosine}}", "width 0 mm; a printed line needs one above 0"),
         (f"merge: mean\nlines:\n- {{{LINE}, {SIZE}}}", "merge is 'mean'; use sum, max, or a power from 1 to 100"),
@@ -234,3 +240,11 @@ def test_errors_name_the_place_and_the_mend(tmp_path, text, message):
         read_design(file)
     assert message in str(caught.value) and "\n" not in str(caught.value)
     assert str(caught.value).count("design.yaml") == 1
+
+
+def test_the_example_of_the_page_is_read(tmp_path):
+    """docs/prints.md: six passes, a meander and five letters."""
+    page = (EXAMPLES.parent / "docs" / "prints.md").read_text(encoding="utf-8")
+    found = design(tmp_path, page.split("```yaml\n")[1].split("```")[0])
+    assert len(found.paths) >= 7 and found.merging == MAX
+    assert 3e-4 < design_relief(found, 64, PLATE).max() < 1e-3
