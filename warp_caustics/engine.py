@@ -177,7 +177,7 @@ class Engine:
         )
         wp.launch(
             second_hits_kernel(self.warp_dtype, is_lattice, self.optics.effects),
-            dim=tuple(clear.shape),
+            dim=(batch, photons.count),
             inputs=[warp_array(coefficients), photons, warp_array(lowest), warp_array(torch.hypot(*slopes))],
             outputs=[warp_array(clear)],
             device=self.warp_device,

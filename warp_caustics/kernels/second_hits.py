@@ -61,53 +61,54 @@ def second_hits_kernel(dtype: Any, is_lattice: bool, effects: Effects) -> Any:
         clear: wp.array3d[wp.uint8],
     ):
         """1 for clear paths [B, C, N], else 0; spline coefficients [B, n + 4, n + 4] and their bounds [B] [m], [1]."""
-        b, c, p = wp.tid()
+        b, p = wp.tid()
         optics = photons.optics
         photon = photon_at(coefficients, photons, b, p)
         h = photon.maps[0]
         w, _ = incidence(photon.x, photon.y, h, optics)
-        t, _ = refracted_slope(w, vec3(-photon.maps[1], -photon.maps[2], one), photons.eta[c], photons.ratio[c])
-        # --- sideways per depth [1], and how fast the relief can come nearer [1]
-        side_x = -t[0] / t[2]
-        side_y = -t[1] / t[2]
-        side = wp.sqrt(side_x * side_x + side_y * side_y)
-        nearing = steepest[b] * side - one
-        found = wp.uint8(1)
-        if nearing > zero:
-            pitch = one / wp.max(photons.samples_per_m_x, photons.samples_per_m_y)
-            least = least_step * pitch / side
-            # --- how deep there is relief to meet: down to its lowest, or to the side of the plate
-            end = h - lowest[b]
-            if side_x != zero:
-                end = wp.min(end, (optics.half_x - photon.x * wp.sign(side_x)) / wp.abs(side_x))
-            if side_y != zero:
-                end = wp.min(end, (optics.half_y - photon.y * wp.sign(side_y)) / wp.abs(side_y))
-            depth = zero
-            before = zero
-            falling = zero
-            step = least
-            for _step in range(wp.static(MAX_STEPS)):
-                if depth >= end:
-                    break
-                depth = wp.min(depth + step, end)
-                x = photon.x + side_x * depth
-                y = photon.y + side_y * depth
-                maps = surface_at(coefficients, b, x, y, photons)
-                glass = maps[0] - (h - depth)
-                rising = maps[1] * side_x + maps[2] * side_y + one
-                if falling < zero and rising > zero and glass > zero:
-                    # --- a least value between both: where F' is 0 on the chord
-                    between = before + (depth - before) * falling / (falling - rising)
-                    x = photon.x + side_x * between
-                    y = photon.y + side_y * between
-                    lower = surface_at(coefficients, b, x, y, photons)
-                    glass = wp.min(glass, lower[0] - (h - between))
-                if glass < -shallowest * pitch:
-                    found = wp.uint8(0)
-                    break
-                before = depth
-                falling = rising
-                step = wp.max(glass / nearing, least)
-        clear[b, c, p] = found
+        for c in range(clear.shape[1]):
+            t, _ = refracted_slope(w, vec3(-photon.maps[1], -photon.maps[2], one), photons.eta[c], photons.ratio[c])
+            # --- sideways per depth [1], and how fast the relief can come nearer [1]
+            side_x = -t[0] / t[2]
+            side_y = -t[1] / t[2]
+            side = wp.sqrt(side_x * side_x + side_y * side_y)
+            nearing = steepest[b] * side - one
+            found = wp.uint8(1)
+            if nearing > zero:
+                pitch = one / wp.max(photons.samples_per_m_x, photons.samples_per_m_y)
+                least = least_step * pitch / side
+                # --- how deep there is relief to meet: down to its lowest, or to the side of the plate
+                end = h - lowest[b]
+                if side_x != zero:
+                    end = wp.min(end, (optics.half_x - photon.x * wp.sign(side_x)) / wp.abs(side_x))
+                if side_y != zero:
+                    end = wp.min(end, (optics.half_y - photon.y * wp.sign(side_y)) / wp.abs(side_y))
+                depth = zero
+                before = zero
+                falling = zero
+                step = least
+                for _step in range(wp.static(MAX_STEPS)):
+                    if depth >= end:
+                        break
+                    depth = wp.min(depth + step, end)
+                    x = photon.x + side_x * depth
+                    y = photon.y + side_y * depth
+                    maps = surface_at(coefficients, b, x, y, photons)
+                    glass = maps[0] - (h - depth)
+                    rising = maps[1] * side_x + maps[2] * side_y + one
+                    if falling < zero and rising > zero and glass > zero:
+                        # --- a least value between both: where F' is 0 on the chord
+                        between = before + (depth - before) * falling / (falling - rising)
+                        x = photon.x + side_x * between
+                        y = photon.y + side_y * between
+                        lower = surface_at(coefficients, b, x, y, photons)
+                        glass = wp.min(glass, lower[0] - (h - between))
+                    if glass < -shallowest * pitch:
+                        found = wp.uint8(0)
+                        break
+                    before = depth
+                    falling = rising
+                    step = wp.max(glass / nearing, least)
+            clear[b, c, p] = found
 
     return find_clear
