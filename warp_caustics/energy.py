@@ -6,11 +6,14 @@ import torch
 
 from warp_caustics.chunked import warp_stream
 from warp_caustics.errors import InputError
-from warp_caustics.kernels.trace import FATE_NAMES
+from warp_caustics.kernels.trace import FATE_NAMES, MET_AGAIN
 from warp_caustics.simulator import CausticSimulator
 
 FRESNEL = "fresnel"
 """Key of a budget: light that both faces reflect beyond what a flat plate does."""
+
+MET_AGAIN_NAME = "met_again"
+"""Key of a budget: light inside the glass that meets the relief again."""
 
 OVER_BORDER = "over_border"
 """Key of a budget: light of footprints that reach over the border of the image."""
@@ -34,10 +37,11 @@ def energy_budget(
         (collimated: area times radiosity; tilted or from a point source: what
         meets the relief); for each fate of :data:`FATE_NAMES` the fraction of the
         emitted light, one number per wavelength, and the same for ``fresnel``
-        where the scene has these losses: all together are 1. A fate counts the
-        path's centre; ``over_border`` is the part of the landed light that is not in
-        the image, because footprints of paths near the border reach over it:
-        the image holds ``landed - over_border``. For a point source and tilted
+        and ``met_again`` where the scene has these losses: all together are 1.
+        Where light that meets the relief again is let through, ``met_again`` is
+        told beside that sum. A fate counts the path's centre; ``over_border`` is
+        the part of the landed light that is not in the image, because footprints
+        of paths near the border reach over it: the image holds ``landed - over_border``. For a point source and tilted
         light ``unlit`` counts paths instead of light, because they carry none.
 
     Raises:
@@ -46,17 +50,21 @@ def energy_budget(
     engine = simulator.engine.in_double_precision
     scene = simulator.scene
     channels = scene.n_wavelengths
-    light = torch.zeros(channels, len(FATE_NAMES), dtype=torch.float64, device=engine.device)
-    paths, reflected = torch.zeros_like(light), torch.zeros_like(light[:, 0])
+    light = torch.zeros(channels, len(FATE_NAMES) + 1, dtype=torch.float64, device=engine.device)
+    paths, reflected, through = torch.zeros_like(light), torch.zeros_like(light[:, 0]), torch.zeros_like(light[:, 0])
     batch = heights.detach().to(torch.float64)[None].contiguous()
     with warp_stream(engine.device):
         coefficients = engine.coefficients(batch)
         for chunk, positions in engine.chunks(1):
             maps = engine.maps(coefficients, chunk, positions)
-            landed = engine.land(maps, positions)
+            photons = engine.told(coefficients, engine.photons(positions))
+            landed = engine.land(maps, positions, photons)
             passed = landed.energies[0] * landed.shares[0]
             reflected += (landed.energies[0] - passed).sum(1)
-            for fate in range(len(FATE_NAMES)):
+            if scene.second_hits == "passed":
+                is_clear = engine.clear_paths(coefficients, photons)[0].bool()
+                through += torch.where(is_clear, 0.0, passed).sum(1)
+            for fate in range(light.shape[1]):
                 is_fate = landed.fates[0] == fate
                 light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
                 paths[:, fate] += is_fate.sum(1)
@@ -83,6 +91,9 @@ def energy_budget(
     }
     if scene.fresnel:
         budget[FRESNEL] = (reflected.cpu() / emitted).tolist()
+    if scene.second_hits != "ignored":
+        met = fractions[:, MET_AGAIN] if scene.second_hits == "lost" else through.cpu() / emitted
+        budget[MET_AGAIN_NAME] = met.tolist()
     if image is not None:
         in_image = image.detach().double().sum(dim=(1, 2)).cpu() * pixel_x * pixel_y
         on_screen = fractions[:, FATE_NAMES.index("landed")]
@@ -99,7 +110,11 @@ def check_reaches(budget: dict[str, Any]) -> None:
     """
     if any(budget["landed"]):
         return
-    told = ", ".join(f"{100 * max(budget[name]):.3g} % {name.replace('_', ' ')}" for name in FATE_NAMES[1:])
+    told = ", ".join(
+        f"{100 * max(budget[name]):.3g} % {name.replace('_', ' ')}"
+        for name in (*FATE_NAMES[1:], FRESNEL, MET_AGAIN_NAME)
+        if name in budget
+    )
     raise InputError(
         f"no light reaches the image ({told}): it would be black; check scene.screen_position_m and "
         "scene.light_position_m, or whether heights are metres"

@@ -23,6 +23,7 @@ from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
+from warp_caustics.kernels.second_hits import second_hits_kernel
 from warp_caustics.kernels.splat import splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
@@ -157,28 +158,69 @@ class Engine:
 
     # -- trace and splat --------------------------------------------------------------------------------------
 
-    def records(self, maps: torch.Tensor, positions: torch.Tensor) -> torch.Tensor:
-        """Footprint records [B, n_w, 6, N] (RECORD_NAMES) of surface maps [B, 6, N]."""
+    def clear_paths(self, coefficients: torch.Tensor, photons: Any, *, is_lattice: bool = False) -> torch.Tensor:
+        """Which paths do not meet the relief again: 1 for those, uint8, shape [B, n_w, N].
+
+        Args:
+            coefficients: of the relief [m], shape [B, n + 4, n + 4].
+            photons: struct ``Photons``.
+            is_lattice: whether that holds the axes of a lattice.
+        """
+        batch = coefficients.shape[0]
+        clear = torch.empty(batch, self.scene.n_wavelengths, photons.count, dtype=torch.uint8, device=self.device)
+        pitch_x, pitch_y = self.scene.sample_pitch_m
+        # A spline lies between its coefficients, its slope between their differences.
+        lowest = coefficients.amin((1, 2))
+        slopes = (
+            coefficients.diff(dim=2).abs().amax((1, 2)) / pitch_x,
+            coefficients.diff(dim=1).abs().amax((1, 2)) / pitch_y,
+        )
+        wp.launch(
+            second_hits_kernel(self.warp_dtype, is_lattice, self.optics.effects),
+            dim=(batch, photons.count),
+            inputs=[warp_array(coefficients), photons, warp_array(lowest), warp_array(torch.hypot(*slopes))],
+            outputs=[warp_array(clear)],
+            device=self.warp_device,
+            record_tape=False,
+        )
+        return clear
+
+    def told(self, coefficients: torch.Tensor, photons: Any, *, is_lattice: bool = False) -> Any:
+        """Struct ``Photons`` that knows which paths are lost because they meet the relief again, where that matters."""
+        if not self.optics.effects.second_hits:
+            return photons
+        return self.optics.with_clear(photons, self.clear_paths(coefficients, photons, is_lattice=is_lattice))
+
+    def records(self, maps: torch.Tensor, positions: torch.Tensor, photons: Any = None) -> torch.Tensor:
+        """Footprint records [B, n_w, 6, N] (RECORD_NAMES) of surface maps [B, 6, N].
+
+        ``photons`` are those at the positions, if more is known of them: see :meth:`told`.
+        """
         batch, _, count = maps.shape
         records = maps.new_empty(batch, self.scene.n_wavelengths, len(RECORD_NAMES), count)
         wp.launch(
             self.tracer.trace,
             dim=(batch, self.scene.n_wavelengths, count),
-            inputs=[warp_array(maps), self.photons(positions)],
+            inputs=[warp_array(maps), photons or self.photons(positions)],
             outputs=[warp_array(records)],
             device=self.warp_device,
         )
         return records
 
     def records_adjoint(
-        self, maps: torch.Tensor, positions: torch.Tensor, records: torch.Tensor, grad_records: torch.Tensor
+        self,
+        maps: torch.Tensor,
+        positions: torch.Tensor,
+        records: torch.Tensor,
+        grad_records: torch.Tensor,
+        photons: Any = None,
     ) -> torch.Tensor:
         """Adjoint of :meth:`records`: gradient with respect to the maps [B, 6, N]."""
         grad_maps = torch.zeros_like(maps)
         wp.launch(
             self.tracer.trace,
             dim=(maps.shape[0], self.scene.n_wavelengths, maps.shape[2]),
-            inputs=[warp_array(maps), self.photons(positions)],
+            inputs=[warp_array(maps), photons or self.photons(positions)],
             outputs=[warp_array(records)],
             adj_inputs=[warp_array(grad_maps), self.optics.no_gradient()],
             adj_outputs=[warp_array(grad_records)],
@@ -209,7 +251,7 @@ class Engine:
         )
         return grad_records
 
-    def land(self, maps: torch.Tensor, positions: torch.Tensor) -> Landings:
+    def land(self, maps: torch.Tensor, positions: torch.Tensor, photons: Any = None) -> Landings:
         """Where light of surface maps [B, 6, N] lands, and what becomes of it on the way."""
         batch, _, count = maps.shape
         channels = self.scene.n_wavelengths
@@ -220,7 +262,7 @@ class Engine:
         wp.launch(
             self.tracer.land,
             dim=(batch, channels, count),
-            inputs=[warp_array(maps), self.photons(positions)],
+            inputs=[warp_array(maps), photons or self.photons(positions)],
             outputs=[warp_array(landings), warp_array(energies), warp_array(shares), warp_array(fates)],
             device=self.warp_device,
         )
@@ -257,14 +299,14 @@ class Engine:
         kept = self._photons.get((positions.data_ptr(), len(positions)))
         return self.optics.photons(positions) if kept is None else kept
 
-    def fused_photons(self, chunk: Chunk) -> Any:
-        """The same for a chunk and the fused kernels, which know a lattice by its axes."""
+    def fused_photons(self, chunk: Chunk, coefficients: torch.Tensor) -> Any:
+        """The same for a chunk, a relief and the fused kernels, which know a lattice by its axes."""
         if self.plan.placement != "lattice":
-            return self.photons(self.positions(chunk))
+            return self.told(coefficients, self.photons(self.positions(chunk)))
         if chunk not in self._lattices:
             axes = self.plan.axes(chunk, self.dtype, self.device)
             self._lattices[chunk] = self.optics.photons(axes, chunk.count, self.plan.columns)
-        return self._lattices[chunk]
+        return self.told(coefficients, self._lattices[chunk], is_lattice=True)
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
@@ -321,10 +363,11 @@ class Engine:
 
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             if fused:
-                fused.splat(coefficients, self.fused_photons(chunk), image)
+                fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
                 return
             positions = self.positions(chunk)
-            self.splat(self.records(self.maps(coefficients, chunk, positions), positions), image)
+            photons = self.told(coefficients, self.photons(positions))
+            self.splat(self.records(self.maps(coefficients, chunk, positions), positions, photons), image)
 
         if fused:
             return fused.unpacked(self._sum(fused.image_shape(batch), add))
@@ -335,13 +378,14 @@ class Engine:
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
             if fused:
-                grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk), grad_image)
+                grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk, coefficients), grad_image)
             else:
                 positions = self.positions(chunk)
                 maps = self.maps(coefficients, chunk, positions)
-                records = self.records(maps, positions)
+                photons = self.told(coefficients, self.photons(positions))
+                records = self.records(maps, positions, photons)
                 grad_records = self.splat_adjoint(records, grad_image)
-                grad_maps = self.records_adjoint(maps, positions, records, grad_records)
+                grad_maps = self.records_adjoint(maps, positions, records, grad_records, photons)
             grad += self.maps_adjoint(coefficients, chunk, grad_maps)
 
         return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add))

@@ -38,7 +38,7 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
 def effects_of(scene: Scene) -> Effects:
     """Effects that a scene asks for."""
     has_lamp = scene.lamp_half_angle_rad > 0 or scene.lamp_radius_m > 0
-    return Effects(fresnel=scene.fresnel, lamp=has_lamp, tilt=scene.is_tilted)
+    return Effects(fresnel=scene.fresnel, lamp=has_lamp, tilt=scene.is_tilted, second_hits=scene.second_hits == "lost")
 
 
 def lamp_sigma(scene: Scene) -> float:
@@ -124,6 +124,14 @@ class Optics:
         photons.flat_share = self._flat_share
         photons.optics = self.shared
         return photons
+
+    def with_clear(self, photons: Any, clear: torch.Tensor) -> Any:
+        """The same struct, told which paths are clear: uint8, shape [B, n_w, N]."""
+        told = self._struct()
+        for name in self._struct.vars:
+            setattr(told, name, getattr(photons, name))
+        told.clear = wp.from_torch(clear, requires_grad=False)
+        return told
 
     def no_gradient(self) -> Any:
         """An empty struct ``Photons``: adjoints of what nobody differentiates."""

@@ -35,6 +35,15 @@ _REACH = {"gaussian": _GAUSSIAN_REACH / _GAUSSIAN_SIGMA, "spline": 3.0}
 _BOX_VARIANCE = 1 / 12
 """Variance of a pixel's box [px^2]."""
 
+_LOOKS = 1500
+"""Points of a path at which light is looked for outside of the glass."""
+
+_SHALLOWEST = 1e-5
+"""By how much it has to be outside [samples]."""
+
+_GENTLE = 0.7
+"""Slopes along an axis, up to 1 together, up to which no light meets the relief again: it is bent by less than 1."""
+
 _LEAST_SIGMA_PX = 0.02
 """Standard deviation added to every footprint [px]."""
 
@@ -176,6 +185,25 @@ def reflectance(cosine: torch.Tensor, n_before: float, n_behind: float) -> torch
     return (across**2 + within**2) / 2
 
 
+def meets_again(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
+    """Whether light that enters the glass at a point of the relief comes out of the relief below, shape [2] -> bool.
+
+    Looked for at many points on the straight way down to the lowest that the relief can be, above the plate only.
+    """
+    height = surface_height(point, coefficients, scene)  # scalar [m]
+    slope = torch.func.jacfwd(surface_height)(point, coefficients, scene)  # [2]
+    position = torch.cat([point, (scene.base_thickness_m + height)[None]])  # [3]
+    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
+    normal = normal / torch.linalg.vector_norm(normal)  # [3]
+    inside = refract(incident_direction(position, scene), normal, 1.0, scene.glass_indices[channel])  # [3]
+    depth = torch.linspace(0, 1, _LOOKS + 1, dtype=torch.float64)[1:] * (height - coefficients.min())  # [_LOOKS]
+    places = point + depth[:, None] * inside[:2] / -inside[2]  # [_LOOKS, 2]
+    glass = torch.vmap(lambda place: surface_height(place, coefficients, scene))(places) - (height - depth)
+    size = torch.tensor(scene.plate_size_m, dtype=torch.float64)  # [2]
+    shallowest = _SHALLOWEST * min(scene.sample_pitch_m)
+    return ((glass < -shallowest) & (places.abs() <= size / 2).all(1)).any()
+
+
 def lamp_covariance(positions: torch.Tensor, coefficients: torch.Tensor, scene: Scene, channel: int) -> torch.Tensor:
     """What a lamp of finite size adds to footprints [px^2], shape [N, 2, 2], from positions [N, 2] [m].
 
@@ -256,6 +284,9 @@ def oracle_image(
     sigma = torch.full_like(positions, sigma0)  # [N, 2]
     if squeeze:
         sigma = torch.minimum(sigma, (size / 2 - positions.abs()) / _REACH[profile])
+    steepest = max(float(coefficients.detach().diff(dim=axis).abs().max()) for axis in (0, 1)) / min(
+        scene.sample_pitch_m
+    )
     channels = []
     for c in range(scene.n_wavelengths):
 
@@ -271,6 +302,13 @@ def oracle_image(
         covariance = covariance * torch.clamp(largest / trace, max=1.0)[:, None, None]
         covariance = covariance + _LEAST_SIGMA_PX**2 * torch.eye(2, dtype=torch.float64)
         keep = torch.isfinite(centre).all(1) & (weight > 0)  # [N]
+        if scene.second_hits == "lost" and steepest > _GENTLE:
+
+            def leaves(p: torch.Tensor, channel: int = c) -> torch.Tensor:
+                return meets_again(p, coefficients.detach(), scene, channel)
+
+            lost = torch.vmap(leaves, chunk_size=64)(positions)  # [N]
+            keep = keep & ~lost
         passed = torch.vmap(lambda p, channel=c: passed_share(p, coefficients, scene, channel))(positions)  # [N]
         shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)  # [N, m, m]
         channels.append(torch.einsum("p,pij->ij", (weight * passed)[keep], shares) * scene.radiosity_W_m2[c])

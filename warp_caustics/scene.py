@@ -67,7 +67,7 @@ def _check_radiosity(value: float) -> float:
     return value
 
 
-LATER_FIELDS = ("light_tilt_rad", "lamp_half_angle_rad", "lamp_radius_m", "fresnel")
+LATER_FIELDS = ("light_tilt_rad", "lamp_half_angle_rad", "lamp_radius_m", "fresnel", "second_hits")
 """Fields that data sets and weights of the first format do not know."""
 
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
@@ -111,6 +111,8 @@ class Scene(Strict):
     """Radius of a point source's lamp, a level disc at ``light_position_m`` [m]; 0 is a point."""
     fresnel: bool = False
     """Whether steep glass reflects more: Fresnel's losses at both faces, relative to a flat plate."""
+    second_hits: Literal["ignored", "passed", "lost"] = "ignored"
+    """Light inside the glass that meets the relief again: not looked for, found and let through, or lost."""
 
     @field_validator("glass")
     @classmethod

@@ -45,7 +45,7 @@ def simulate_on_tape(tape: wp.Tape, simulator: CausticSimulator, heights: Any) -
     wp.launch(surface.prefilter_rows, coefficients.shape, [prefilter, filtered], [coefficients], device=device)
     image = zeros(batch, scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
     for chunk, positions in engine.chunks(batch):
-        photons = engine.photons(positions)
+        photons = engine.told(wp.to_torch(coefficients, requires_grad=False), engine.photons(positions))
         maps = zeros(batch, len(MAP_NAMES), chunk.count)
         wp.launch(surface.gather_surface, (batch, chunk.count), [coefficients, photons], [maps], device=device)
         records = zeros(batch, scene.n_wavelengths, len(RECORD_NAMES), chunk.count)

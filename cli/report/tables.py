@@ -80,6 +80,7 @@ def scene_rows(scene: "Scene") -> list[tuple[str, str]]:
     if not scene.is_collimated:
         at = ", ".join(number(place * 1e3) for place in scene.light_position_m)
         light = f"point source at ({at}) mm, half-angle {number(np.degrees(scene.emission_half_angle_rad))} degrees"
+    light += "".join(f", {name}" for name in _effects(scene))
     return [
         ("plate", f"{number(width)} x {number(length)} mm, {number(scene.base_thickness_m * 1e3)} mm thick"),
         ("height map", f"{scene.height_samples} x {scene.height_samples} samples"),
@@ -90,6 +91,22 @@ def scene_rows(scene: "Scene") -> list[tuple[str, str]]:
         ("glass", str(scene.glass)),
         ("exit medium", str(scene.exit_medium)),
     ]
+
+
+def _effects(scene: "Scene") -> list[str]:
+    """What else is in the model, in words."""
+    found = []
+    if scene.is_tilted:
+        found.append("tilted by ({}, {}) degrees".format(*(number(np.degrees(a)) for a in scene.light_tilt_rad)))
+    if scene.lamp_half_angle_rad > 0:
+        found.append(f"lamp of half-angle {number(np.degrees(scene.lamp_half_angle_rad))} degrees")
+    if scene.lamp_radius_m > 0:
+        found.append(f"lamp of radius {number(scene.lamp_radius_m * 1e3)} mm")
+    if scene.fresnel:
+        found.append("Fresnel's losses")
+    if scene.second_hits != "ignored":
+        found.append(f"second hits {scene.second_hits}")
+    return found
 
 
 def flat_rows(value: Any, prefix: str = "") -> list[tuple[str, str]]:

@@ -16,9 +16,9 @@ pytestmark = [
 
 FAR = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 POINT = FAR.model_copy(update={"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9})
-EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02}
+EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost"}
 TILTED = FAR.model_copy(update=EFFECTS | {"light_tilt_rad": (0.1, -0.05)})
-POINT_EFFECTS = POINT.model_copy(update={"fresnel": True, "lamp_radius_m": 0.01})
+POINT_EFFECTS = POINT.model_copy(update={"fresnel": True, "lamp_radius_m": 0.01, "second_hits": "lost"})
 
 
 def bumpy(batch=None):

@@ -8,7 +8,7 @@ from warp_caustics.oracle import oracle_image
 
 SCENE = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
 
-ALL_EFFECTS = SCENE.model_copy(update={"fresnel": True, "lamp_half_angle_rad": 0.02})
+ALL_EFFECTS = SCENE.model_copy(update={"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost"})
 
 
 def add_together(fused):

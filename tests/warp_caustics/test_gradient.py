@@ -23,8 +23,8 @@ SCENES = {
         screen_position_m=(0, 0, -5e-3),
     ),
 }
-EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.15}
-POINT_EFFECTS = {"fresnel": True, "lamp_radius_m": 0.015}
+EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.15, "second_hits": "lost"}
+POINT_EFFECTS = {"fresnel": True, "lamp_radius_m": 0.015, "second_hits": "lost"}
 TILT = {"light_tilt_rad": (0.1, -0.05)}
 SCENES |= {
     **{f"{name}, all effects": SCENES[name].model_copy(update=EFFECTS) for name in ("contact", "air_near", "air_far")},

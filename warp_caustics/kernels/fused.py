@@ -38,10 +38,12 @@ def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)
     Footprints = footprint_struct(dtype, width)
     vector = wp.types.vector(length=width, dtype=dtype)
+    is_blocked = effects.second_hits
+    zero = wp.constant(dtype(0.0))
 
     @no_type_check
     @wp.func
-    def footprints(photon: Photon, first_channel: wp.int32, photons: Photons):
+    def footprints(photon: Photon, first_channel: wp.int32, photons: Photons, b: wp.int32, p: wp.int32):
         column = vector()
         row = vector()
         sigma_x = vector()
@@ -58,6 +60,9 @@ def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
             sigma_y[k] = f.sigma_y
             beta[k] = f.beta
             amplitude[k] = f.amplitude
+            if wp.static(is_blocked):
+                if photons.clear[b, c, p] == wp.uint8(0):
+                    amplitude[k] = zero
         return Footprints(column, row, sigma_x, sigma_y, beta, amplitude)
 
     return footprints
@@ -134,6 +139,7 @@ def fused_kernels(
         is_apart: wp.bool,
         photons: Photons,
         b: wp.int32,
+        p: wp.int32,
         c: wp.int32,
         block: wp.int32,
         rows: wp.int32,
@@ -144,7 +150,7 @@ def fused_kernels(
         if wp.static(is_packed):
             if is_apart:
                 for k in range(photons.eta.shape[0]):
-                    f_k = footprint_of(photon, k, photons)
+                    f_k = footprint_of(photon, k, photons, b, p)
                     first, last = row_window_of(f_k, image)
                     first += block * rows
                     add_rows_of(f_k, first, wp.min(last, first + rows - 1), b, k, lane, image)
@@ -164,13 +170,14 @@ def fused_kernels(
         item: wp.int32,
         photons: Photons,
         b: wp.int32,
+        p: wp.int32,
         lane: wp.int32,
         image: wp.array4d[dtype],
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
     ):
         """Add a photon's footprints at wavelengths c ... c + width - 1, or put them on the list as ``item``."""
-        f = footprints(photon, c, photons)
+        f = footprints(photon, c, photons, b, p)
         if wp.max(f.amplitude) > zero:
             is_apart = False
             here = True
@@ -182,7 +189,7 @@ def fused_kernels(
                     if here:
                         here = not put_off(item, first, last, lane, listed, count)
             if here:
-                add(photon, f, is_apart, photons, b, c, 0, image.shape[1], lane, image)
+                add(photon, f, is_apart, photons, b, p, c, 0, image.shape[1], lane, image)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -202,11 +209,11 @@ def fused_kernels(
         photon = photon_at(coefficients, photons, b, p)
         item = b * photons.count + p
         if wp.static(is_packed):
-            splat_group(photon, 0, item, photons, b, lane, image, listed, count)
+            splat_group(photon, 0, item, photons, b, p, lane, image, listed, count)
         else:
             channels = image.shape[1]
             for c in range(channels):
-                splat_group(photon, c, item * channels + c, photons, b, lane, image, listed, count)
+                splat_group(photon, c, item * channels + c, photons, b, p, lane, image, listed, count)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -236,12 +243,13 @@ def fused_kernels(
                     item = item // image.shape[1]
                 b = item // photons.count
                 # --- once more, and to pixels
-                photon = photon_at(coefficients, photons, b, item - b * photons.count)
-                f = footprints(photon, c, photons)
+                p = item - b * photons.count
+                photon = photon_at(coefficients, photons, b, p)
+                f = footprints(photon, c, photons, b, p)
                 is_apart = False
                 if wp.static(is_packed):
                     _, is_apart = extent(f)
-                add(photon, f, is_apart, photons, b, c, block, rows, lane, image)
+                add(photon, f, is_apart, photons, b, p, c, block, rows, lane, image)
 
     return SimpleNamespace(splat_photons=splat_photons, splat_deferred=splat_deferred)
 

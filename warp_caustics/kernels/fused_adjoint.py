@@ -45,6 +45,7 @@ def fused_adjoint_kernels(
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
     zero = wp.constant(dtype(0.0))
+    is_blocked = effects.second_hits
 
     @no_type_check
     @wp.func
@@ -54,6 +55,7 @@ def fused_adjoint_kernels(
         item: wp.int32,
         photons: Photons,
         b: wp.int32,
+        p: wp.int32,
         lane: wp.int32,
         grad_image: wp.array4d[dtype],
         listed: wp.array2d[wp.int32],
@@ -65,6 +67,9 @@ def fused_adjoint_kernels(
         ratio = photons.ratio[c]
         bent = refraction(photon.maps, eta, ratio)
         f = footprint(photon, eta, ratio, bent, photons.radiosity[c], photons.optics)
+        if wp.static(is_blocked):
+            if photons.clear[b, c, p] == wp.uint8(0):
+                f.amplitude = zero
         if f.amplitude != zero:
             here = True
             if wp.static(defers):
@@ -93,7 +98,7 @@ def fused_adjoint_kernels(
         item = (b * photons.count + p) * channels
         gradient = vec6()
         for c in range(channels):
-            gradient += gather_photon(photon, c, item + c, photons, b, lane, grad_image, listed, count)
+            gradient += gather_photon(photon, c, item + c, photons, b, p, lane, grad_image, listed, count)
         for plane in range(6):
             if wp.static(lanes == 1):
                 grad_maps[b, plane, p] = gradient[plane]
@@ -121,7 +126,7 @@ def fused_adjoint_kernels(
             b = item // photons.count
             p = item - b * photons.count
             photon = photon_at(coefficients, photons, b, p)
-            gradient = gather_photon(photon, c, 0, photons, b, lane, grad_image, listed, count)
+            gradient = gather_photon(photon, c, 0, photons, b, p, lane, grad_image, listed, count)
             for plane in range(6):
                 wp.atomic_add(grad_maps, b, plane, p, gradient[plane])
 

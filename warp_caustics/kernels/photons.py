@@ -58,6 +58,7 @@ def photons_struct(dtype: Any) -> Any:
         ratio: wp.array[dtype]  # index of the glass over that behind the plate [C]
         radiosity: wp.array[dtype]  # [W/m^2] [C]
         flat_share: wp.array[dtype]  # of the flux through a flat plate, over that at normal incidence [C]
+        clear: wp.array3d[wp.uint8]  # 0 for paths that are lost because they meet the relief again [B, C, N]
         optics: Optics
 
     return specialised(Photons, dtype)

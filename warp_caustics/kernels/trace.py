@@ -11,7 +11,8 @@ Light ends at the edge of the plate: the footprints of a photon lattice are
 squeezed where they would reach over it. Otherwise the image's border would be
 too dark, and a reconstruction bend the whole plate to brighten it.
 
-Not modelled: a second hit of the relief, shadows that one part of the relief throws on another.
+Paths that meet the relief again are told by ``second_hits.py``. Not modelled: shadows that one part of the relief
+throws on another.
 """
 
 from functools import cache
@@ -23,6 +24,7 @@ import warp as wp
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions
 from warp_caustics.kernels.fresnel import fresnel_functions
+from warp_caustics.kernels.path import path_functions
 from warp_caustics.kernels.photons import optics_struct, photons_struct
 
 LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
@@ -30,6 +32,9 @@ LANDED, OFF_SCREEN, REFLECTED, UNLIT, NOT_FINITE = range(5)
 outside the source's cone or on a face turned away from it, non-finite."""
 
 FATE_NAMES = ("landed", "off_screen", "reflected", "unlit", "not_finite")
+
+MET_AGAIN = len(FATE_NAMES)
+"""Fate of a path that is lost because it meets the relief again; only where that is asked for."""
 
 GRAZING = 1.0e-6
 """Below this squared cosine the exit angle is within 0.06 degrees of grazing: counted as totally reflected,
@@ -43,7 +48,10 @@ FAR_PX = 1.0e6
 def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Kernels for float32 or float64 and some effects: ``trace`` and ``land``."""
     has_fresnel, has_lamp, has_tilt = effects.fresnel, effects.lamp, effects.tilt
+    is_blocked = effects.second_hits
     transmission = fresnel_functions(dtype).transmission
+    paths = path_functions(dtype, effects)
+    incidence, refracted_slope = paths.incidence, paths.refracted_slope
     vec2 = wp.types.vector(length=2, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
@@ -56,22 +64,6 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     two = wp.constant(dtype(2.0))
     grazing = wp.constant(dtype(GRAZING))
     far = wp.constant(dtype(FAR_PX))
-
-    @no_type_check
-    @wp.func
-    def refracted_slope(w: vec3, m: vec3, eta: dtype, ratio: dtype):
-        """Direction inside the glass (x, y, z) and squared cosine behind the bottom face.
-
-        w: unit direction of incidence; m: surface normal (-h_x, -h_y, 1), not normalised;
-        eta: 1 / n; ratio: n / n_exit. Snell's law as t = eta w + gamma m with |t| = 1.
-        """
-        wm = wp.dot(w, m)
-        mm = wp.dot(m, m)
-        root = wp.sqrt(eta * eta * wm * wm + (one - eta * eta) * mm)
-        gamma = -(eta * wm + root) / mm
-        t = eta * w + gamma * m
-        q = one - ratio * ratio * (t[0] * t[0] + t[1] * t[1])
-        return t, q
 
     @no_type_check
     @wp.func
@@ -99,20 +91,6 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
         ds = vec2(ratio * dt[0], ratio * dt[1])
         df = ds / cosine + s * (wp.dot(s, ds) / (q * cosine))
         return dh * g + (base + h) * dg + gap * df
-
-    @no_type_check
-    @wp.func
-    def incidence(x: dtype, y: dtype, h: dtype, optics: Optics):
-        """Unit direction of the light at a point of the relief, and its distance from the source [m]."""
-        w = vec3(zero, zero, -one)
-        distance = one
-        if wp.static(has_tilt):
-            w = optics.tilt
-        if optics.is_point != 0:
-            to_point = vec3(x - optics.light_x, y - optics.light_y, optics.base + h - optics.light_z)
-            distance = wp.sqrt(wp.dot(to_point, to_point))
-            w = to_point / distance
-        return w, distance
 
     @no_type_check
     @wp.func
@@ -213,6 +191,9 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
         m = vec3(-h_x, -h_y, one)
         t, q = refracted_slope(w, m, eta, ratio)
         lit = lit_area(w, m, distance, optics)
+        if wp.static(is_blocked):
+            if photons.clear[b, c, p] == wp.uint8(0):
+                lit = zero
         record = vec6(far, far, optics.min_var, zero, optics.min_var, zero)
         if q > grazing and lit > zero:
             # --- differentials of incidence [1/m], refraction [1/m] and shift to the screen [1], along x and y
@@ -275,8 +256,13 @@ def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
         share = one
         fate = wp.static(LANDED)
         centre = vec2(far, far)
+        is_clear = True
+        if wp.static(is_blocked):
+            is_clear = photons.clear[b, c, p] != wp.uint8(0)
         if not (lit > zero):
             fate = wp.static(UNLIT)
+        elif not is_clear:
+            fate = wp.static(MET_AGAIN)
         elif not wp.isfinite(q):
             fate = wp.static(NOT_FINITE)
         elif q <= grazing:
