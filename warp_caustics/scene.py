@@ -280,9 +280,7 @@ class Scene(Strict):
     @property
     def glass_indices(self) -> tuple[float, ...]:
         """Refractive index of the plate per wavelength, shape [n_w]."""
-        return tuple(
-            melt_index(self.glass, w, self.index_offset, self.dispersion_scale) for w in self.wavelengths_m
-        )
+        return tuple(melt_index(self.glass, w, self.index_offset, self.dispersion_scale) for w in self.wavelengths_m)
 
     @property
     def exit_indices(self) -> tuple[float, ...]:

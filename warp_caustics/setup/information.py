@@ -62,9 +62,10 @@ def with_priors(information: torch.Tensor, priors: torch.Tensor) -> torch.Tensor
 
 
 def covariance(information: torch.Tensor) -> torch.Tensor:
-    """F^-1, shape [P, P]; rows and columns of parameters that are not determined have infinity on the diagonal, else NaN.
+    """F^-1, shape [P, P].
 
-    Not determined are those that take part in a combination of which there is no information.
+    Parameters that take part in a combination of which there is no information have infinity on the diagonal, and NaN
+    in the rest of their rows and columns.
     """
     diagonal = information.diagonal()
     told = diagonal > 0
@@ -72,7 +73,7 @@ def covariance(information: torch.Tensor) -> torch.Tensor:
     values, vectors = torch.linalg.eigh(information * scale[:, None] * scale)
     is_null = values <= NULL * len(values)
     inverse = torch.where(is_null, 0.0, 1 / values.clamp_min(NULL * 1e-3))
-    result = (vectors * inverse) @ vectors.T * scale[:, None] * scale
+    result: torch.Tensor = (vectors * inverse) @ vectors.T * scale[:, None] * scale
     lost = ~told | ((vectors[:, is_null] ** 2).sum(1) > 1e-6)
     result[lost, :] = torch.nan
     result[:, lost] = torch.nan
@@ -120,7 +121,8 @@ def without(information: torch.Tensor, nuisance: torch.Tensor) -> torch.Tensor:
     if int(failed):
         raise InputError("nuisance parameters are not determined by image and priors; give each a prior width")
     half = torch.linalg.solve_triangular(factor, scale[:, None] * mixed, upper=False)
-    return kept - half.T @ half
+    left: torch.Tensor = kept - half.T @ half
+    return left
 
 
 class Direction(NamedTuple):

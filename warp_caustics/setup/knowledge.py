@@ -9,7 +9,6 @@ from warp_caustics.errors import InputError
 from warp_caustics.setup.information import (
     Direction,
     conditional_deviations,
-    correlations,
     directions,
     fisher_information,
     marginal_deviations,
@@ -19,21 +18,20 @@ from warp_caustics.setup.information import (
 from warp_caustics.setup.model import SetUpJacobian
 from warp_caustics.setup.parameter import Parameter
 from warp_caustics.setup.set_up import SetUp
+from warp_caustics.setup.trades import WORTH, partners
 from warp_caustics.setup.unknown_heights import UnknownHeights
 
 FIXED = 0.2
 """What an image leaves of a prior width at most where it fixes a parameter."""
 TOLD = 0.8
 """What it leaves at most where it says something."""
-TRADES = 0.7
-"""Correlation from which two parameters trade off: knowing one would take 30 % off the other's deviation."""
 WIDER = 30.0
 """Trade-offs are the image's and not the laboratory's: they are told with prior widths that many times as large."""
-MOST_PARTNERS = 3
 HEIGHTS = "heights"
 """Partner that stands for all unknown heights together."""
 
 Verdict = Literal["fixed", "narrowed", "not told"]
+Trades = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,9 @@ class Known:
         alone: while all else is known, by the image only; infinite where it does not depend on the parameter.
         together: while the other free parameters are known no better than before.
         with_heights: while the heights are unknown, too; equal to the above where they are known.
-        trades: what the image confuses it with, most first: names and correlations of the errors of estimates with
-            priors :data:`WIDER` times as wide; with all unknown heights together the multiple correlation under the
-            priors as they are, which has no sign.
+        trades: what the image confuses it with: names, each the one that would tell most were it known besides those
+            before it, and correlations of errors with those before it known. Priors are :data:`WIDER` times as wide.
+            Last all unknown heights together, with their multiple correlation while the rest of the set-up is known.
         verdict: by what is left of the prior width.
     """
 
@@ -57,7 +55,7 @@ class Known:
     alone: float
     together: float
     with_heights: float
-    trades: tuple[tuple[str, float], ...]
+    trades: Trades
     verdict: Verdict
 
     @property
@@ -117,7 +115,14 @@ def knowledge(
     alone = conditional_deviations(known)
     together = marginal_deviations(with_priors(known, priors))
     final = with_priors(told, priors)
-    with_heights, related = marginal_deviations(final), correlations(with_priors(told, WIDER * priors))
+    with_heights, wide = marginal_deviations(final), with_priors(told, WIDER * priors)
+    lone = conditional_deviations(told)
+    of_heights = (1 - (alone / lone) ** 2).clamp_min(0.0).sqrt().nan_to_num()
+
+    def traded(k: int) -> Trades:
+        names = tuple((jacobian.names[i], value) for i, value in partners(wide, k))
+        return (*names, (HEIGHTS, float(of_heights[k]))) if float(of_heights[k]) >= WORTH else names
+
     found = [
         Known(
             parameter=parameter,
@@ -125,7 +130,7 @@ def knowledge(
             alone=float(alone[k]),
             together=float(together[k]),
             with_heights=float(with_heights[k]),
-            trades=_trades(k, jacobian.names, related, float(together[k] / with_heights[k])),
+            trades=traded(k),
             verdict=_verdict(float(with_heights[k]) / parameter.prior),
         )
         for k, parameter in enumerate(parameters)
@@ -135,13 +140,3 @@ def knowledge(
 
 def _verdict(remaining: float) -> Verdict:
     return "fixed" if remaining <= FIXED else "narrowed" if remaining <= TOLD else "not told"
-
-
-def _trades(
-    k: int, names: tuple[str, ...], related: torch.Tensor, known_heights: float
-) -> tuple[tuple[str, float], ...]:
-    """Partners of parameter k; known_heights: its deviation with heights known over that with them unknown."""
-    partners = [(name, float(related[k, i])) for i, name in enumerate(names) if i != k]
-    partners.append((HEIGHTS, max(0.0, 1 - known_heights**2) ** 0.5))
-    strong = [(name, value) for name, value in partners if abs(value) >= TRADES]
-    return tuple(sorted(strong, key=lambda pair: -abs(pair[1]))[:MOST_PARTNERS])

@@ -39,7 +39,9 @@ class Parameter:
                 f"range of {self.name} {self.low:g} to {self.high:g} runs backwards; give the smaller one first"
             )
         if not 0 < self.prior < float("inf"):
-            raise InputError(f"prior width of {self.name} {self.prior:g} is not above 0; leave the parameter out instead")
+            raise InputError(
+                f"prior width of {self.name} {self.prior:g} is not above 0; leave the parameter out instead"
+            )
 
     @property
     def group(self) -> str:
@@ -75,6 +77,8 @@ def chosen(names: Iterable[str], known: Sequence[Parameter]) -> tuple[str, ...]:
         if not held:
             groups = dict.fromkeys(p.group for p in known)
             everything = dict.fromkeys(p.name for p in known)
-            raise InputError(f"parameter {name!r} is not known; {known_names(name, groups | everything if '.' in name else groups)}")
+            raise InputError(
+                f"parameter {name!r} is not known; {known_names(name, groups | everything if '.' in name else groups)}"
+            )
         found |= dict.fromkeys(held)
     return tuple(found)

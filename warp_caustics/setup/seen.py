@@ -74,9 +74,7 @@ def camera_values(parameters: CameraParameters, places: Mapping[str, Place]) -> 
     return {name: float(getattr(parameters, field)[index]) for name, (field, index) in places.items()}
 
 
-def with_camera_values(
-    nominal: CameraParameters, places: Sequence[Place], values: torch.Tensor
-) -> CameraParameters:
+def with_camera_values(nominal: CameraParameters, places: Sequence[Place], values: torch.Tensor) -> CameraParameters:
     """Camera parameters with some of their numbers replaced; differentiable by them, forward and backward.
 
     Args:

@@ -59,8 +59,9 @@ class SetUp:
         Args:
             scene: nominal.
             camera: nominal; None is none.
-            free: names of parameters or groups; None takes all of plate, light and screen, and of a camera
-                :data:`USUAL_CAMERA` but for the middle wavelength's :data:`APART`. A group ``psf_px`` stands for ``psf_px.0``, ``psf_px.1`` and so on.
+            free: names of parameters or groups; a group ``psf_px`` stands for ``psf_px.0``, ``psf_px.1`` and so on.
+                None takes all of plate, light and screen, and of a camera :data:`USUAL_CAMERA` but for the middle
+                wavelength's :data:`APART`.
             ranges: by name or group, in place of the usual ones.
             priors: standard deviations by name or group, in place of the usual ones.
 
@@ -181,28 +182,44 @@ class SetUp:
         numbers = [k for k, name in enumerate(self.names) if name in self._places]
         return with_camera_values(fixed, [self._places[self.names[k]] for k in numbers], values[numbers])
 
-    def operator(self, *, dtype: torch.dtype = torch.float64, device: torch.device | str = "cpu") -> Camera | None:
-        """The nominal camera as an operator in which nothing is left out that a free parameter needs; None without.
+    def operator(
+        self,
+        theta: torch.Tensor | None = None,
+        groups: Iterable[str] | None = None,
+        *,
+        dtype: torch.dtype = torch.float64,
+        device: torch.device | str = "cpu",
+    ) -> Camera | None:
+        """The camera as an operator in which nothing is left out that theta, or moving a parameter, needs.
 
-        What is left out where nothing needs it: resampling, turning, blur. The operator with it and without differ by
-        interpolation, so theta is one of this operator.
+        Resampling, turning and blur cost time, turning most. What is left out would change nothing but the last digits.
+
+        Args:
+            theta: shape [P]; None is nominal.
+            groups: of parameters that are moved, or differentiated by; None is all free ones.
+            dtype: of numbers and images.
+            device: where to compute.
+
+        Returns:
+            None for a set-up without camera.
         """
         if self.camera_config is None:
             return None
         camera = Camera(self.camera_config, self.nominal_scene, dtype=dtype, device=device)
-        groups = {p.group for p in self.parameters}
-        form = camera.form
-        turns = form.turns or not groups.isdisjoint(TURNING)
-        wide = {group: max([p.prior for p in self.parameters if p.group == group], default=0.0) for group in BLURRING}
-        exact = self.camera()
+        free = {p.group for p in self.parameters}
+        moved = free if groups is None else set(groups)
+        exact = self.camera(theta)
+        turns = not moved.isdisjoint(TURNING) or bool(exact.turn_rad != 0)
+        turns = turns or not torch.equal(exact.homography, torch.eye(3, dtype=torch.float64))
+        placed = (exact.shift_px, exact.colour_shift_px, exact.colour_scale, exact.magnification - 1)
+        places = turns or camera.form.places or not moved.isdisjoint(PLACING) or any(bool(v.any()) for v in placed)
+        widths = [float(getattr(exact, field).max()) for field in BLURRING]
+        room = [max((p.prior for p in self.parameters if p.group == field), default=0.0) for field in BLURRING]
         camera.form = replace(
-            form,
-            places=form.places or turns or not groups.isdisjoint(PLACING),
+            camera.form,
+            places=places,
             turns=turns,
-            blurs=form.blurs or not groups.isdisjoint(BLURRING),
-            reach=psf_reach(
-                float(exact.psf_px.max()) + PSF_ROOM * wide["psf_px"],
-                float(exact.box_px.max()) + PSF_ROOM * wide["box_px"],
-            ),
+            blurs=not moved.isdisjoint(BLURRING) or max(widths) > 0,
+            reach=psf_reach(*(width + PSF_ROOM * more for width, more in zip(widths, room, strict=True))),
         )
         return camera
