@@ -29,7 +29,7 @@ LAYERS = {
         "engine",
         "simulator oracle",
         "tape energy fold_fraction data_gradient device far_screen plan",
-        "capture reconstruct",
+        "setup capture reconstruct",
         "inspection design",
     ),
     "warp_caustics.reconstruct": (

@@ -54,7 +54,8 @@ def edge_integral(position: torch.Tensor) -> torch.Tensor:
     """S: integral of beta^4 from minus infinity to a position [px], same shape; 0 at -2.5, 1 at 2.5."""
     right = (position + HALF_SUPPORT).clamp(0, DEGREE)
     # The tail that is nearer: with powers of up to 2.5 no digits are lost.
-    tail = torch.minimum(right, DEGREE - right)
+    # Chosen, not the minimum: that has no derivative in the middle, where edges lie half a pixel off.
+    tail = torch.where(right < HALF_SUPPORT, right, DEGREE - right)
     powers = tail**5 - 5 * (tail - 1).clamp(min=0) ** 5 + 10 * (tail - 2).clamp(min=0) ** 5
     return torch.where(right < HALF_SUPPORT, powers / 120, 1 - powers / 120)
 

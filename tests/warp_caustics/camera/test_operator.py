@@ -200,6 +200,20 @@ def test_derivative_by_each_parameter(scene, image, field, kind):
     assert (expected.abs().max() > 1e-3) != flat, "a blur of 0 is a minimum, all else counts"
 
 
+@pytest.mark.parametrize("config", [CameraConfig(frame_px=(31, 31)), CameraConfig(shift_px=(0.5, -0.5))])
+@pytest.mark.parametrize("turns", [False, True])
+def test_derivative_by_a_shift_where_pixels_lie_half_a_pixel_off(scene, image, config, turns):
+    """There the middle of a spline is an edge; its tail was the minimum of two equal numbers, without a derivative."""
+    model = Camera(config, scene, dtype=torch.float64, is_free=turns)
+
+    def shown(shift):
+        return model(image, model.parameters._replace(shift_px=shift))
+
+    at, step = model.parameters.shift_px, torch.tensor([1e-5, 0.0], dtype=torch.float64)
+    _, found = torch.func.jvp(shown, (at,), (torch.tensor([1.0, 0.0], dtype=torch.float64),))
+    torch.testing.assert_close(found, (shown(at + step) - shown(at - step)) / 2e-5, atol=1e-7, rtol=1e-7)
+
+
 @pytest.mark.parametrize("name", CAMERAS)
 def test_derivative_by_the_image(scene, image, name):
     model = camera(CAMERAS[name], scene)
