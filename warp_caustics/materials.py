@@ -51,6 +51,29 @@ MIN_WAVELENGTH_M, MAX_WAVELENGTH_M = 200e-9, 2.5e-6
 """Range [m] in which the dispersion formulas hold."""
 
 
+REFERENCE_WAVELENGTH_M = 587.56e-9
+"""The helium d line [m], where catalogues give a glass's index: a melt's two numbers are its offset there and its
+dispersion."""
+
+
+def melt_index(glass: str | float, wavelength_m: float, offset: float = 0.0, dispersion_scale: float = 1.0) -> float:
+    """Refractive index of one melt of a glass, n_d + offset + scale (n - n_d) with n and n_d of the catalogue.
+
+    Args:
+        glass: as for :func:`refractive_index`; a constant index has no dispersion to scale.
+        wavelength_m: vacuum wavelength [m].
+        offset: of the index at the d line, :data:`REFERENCE_WAVELENGTH_M`.
+        dispersion_scale: dispersion over that of the catalogue.
+
+    Raises:
+        InputError: as :func:`refractive_index`.
+    """
+    index = refractive_index(glass, wavelength_m)
+    if offset == 0 and dispersion_scale == 1:
+        return index
+    return index + offset + (dispersion_scale - 1) * (index - refractive_index(glass, REFERENCE_WAVELENGTH_M))
+
+
 def refractive_index(glass: str | float, wavelength_m: float) -> float:
     """Refractive index of a medium.
 

@@ -14,7 +14,7 @@ import pydantic
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from warp_caustics.errors import known_names, shortened
-from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, refractive_index
+from warp_caustics.materials import GLASS_NAMES, MAX_WAVELENGTH_M, MIN_WAVELENGTH_M, melt_index, refractive_index
 from warp_caustics.strict import Finite, Strict
 
 MIN_PHYSICAL_INDEX, MAX_PHYSICAL_INDEX = 1.0, 4.0
@@ -67,7 +67,9 @@ def _check_radiosity(value: float) -> float:
     return value
 
 
-LATER_FIELDS = ("light_tilt_rad", "lamp_half_angle_rad", "lamp_radius_m", "fresnel")
+LATER_FIELDS = (
+    "light_tilt_rad", "lamp_half_angle_rad", "lamp_radius_m", "fresnel", "index_offset", "dispersion_scale",
+)  # fmt: skip
 """Fields that data sets and weights of the first format do not know."""
 
 Wavelength = Annotated[Finite, AfterValidator(_check_wavelength)]
@@ -111,6 +113,10 @@ class Scene(Strict):
     """Radius of a point source's lamp, a level disc at ``light_position_m`` [m]; 0 is a point."""
     fresnel: bool = False
     """Whether steep glass reflects more: Fresnel's losses at both faces, relative to a flat plate."""
+    index_offset: Annotated[Finite, Field(ge=-0.2, le=0.2)] = 0.0
+    """Of the plate's index at 587.6 nm against what ``glass`` says: melts differ by up to 0.001."""
+    dispersion_scale: Annotated[Finite, Field(ge=-2, le=4)] = 1.0
+    """Dispersion of the plate over that of the named ``glass``; 0 is glass without dispersion."""
 
     @field_validator("glass")
     @classmethod
@@ -162,8 +168,14 @@ class Scene(Strict):
                     f"{lit:.3g} m around ({self.light_position_m[0]:g}, {self.light_position_m[1]:g}) m; move "
                     "scene.light_position_m above the plate, or raise scene.emission_half_angle_rad"
                 )
-        if self.glass_indices.count(1.0):
-            raise ValueError("a glass of index 1 refracts no light; give an index above 1")
+        if min(self.glass_indices) <= 1.0:
+            at = self.wavelengths_m[self.glass_indices.index(min(self.glass_indices))]
+            raise ValueError(
+                "a glass of index 1 refracts no light; give an index above 1"
+                if self.glass_indices.count(1.0)
+                else f"glass of index {min(self.glass_indices):g} at {at:g} m is thinner than air; raise "
+                f"scene.index_offset from {self.index_offset:g}"
+            )
         self._check_lamp()
         return self
 
@@ -268,7 +280,9 @@ class Scene(Strict):
     @property
     def glass_indices(self) -> tuple[float, ...]:
         """Refractive index of the plate per wavelength, shape [n_w]."""
-        return tuple(refractive_index(self.glass, w) for w in self.wavelengths_m)
+        return tuple(
+            melt_index(self.glass, w, self.index_offset, self.dispersion_scale) for w in self.wavelengths_m
+        )
 
     @property
     def exit_indices(self) -> tuple[float, ...]:
