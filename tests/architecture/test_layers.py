@@ -51,7 +51,6 @@ LAYERS = {
         "dataset_config",
         "sampler patterns",
         "reliefs store",
-        "relief_source",
         "benches",
         "samples",
         "testset",
