@@ -15,6 +15,7 @@ import pydantic
 import yaml
 from pydantic import AfterValidator, BaseModel, Field
 
+from data_gen.bench_ranges import BenchRanges
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.making import Making
@@ -86,7 +87,9 @@ class DataConfig(Strict):
     noisy: PhotonWish = PhotonWish()
     """The denoiser's input, and the updater's simulated image."""
     clean: PhotonWish = PhotonWish()
-    """The denoiser's target, and the updater's target image."""
+    """The denoiser's target, the updater's target image, and the light of captures."""
+    bench: BenchRanges | None = None
+    """Ranges from which each capture draws its bench; null where there are no captures."""
 
 
 class ValidationWish(Strict):
@@ -123,9 +126,11 @@ class Config(Strict):
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
         tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
-        # Configurations from before prints could be made otherwise keep their hash.
+        # Configurations from before prints could be made otherwise, and benches drawn, keep their hash.
         if tree["reliefs"]["making"] is None:
             del tree["reliefs"]["making"]
+        if tree["data"]["bench"] is None:
+            del tree["data"]["bench"]
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
@@ -135,21 +140,29 @@ def dataset_config(config: Config, **values: Any) -> DatasetConfig:
     Args:
         config: gives scene, reliefs and data.
         values: kind, n_samples, seed and what else belongs to one data set.
+
+    Raises:
+        InputError: parts that do not fit together, such as a bench that its scene cannot have.
     """
     tree: dict[str, Any] = {
         "scene": config.scene,
         "reliefs": config.reliefs,
         "samples_per_shard": config.data.samples_per_shard,
+        "bench": config.data.bench,
     }
-    plain = DatasetConfig.model_validate({**tree, **values})
+    plain = validated(DatasetConfig, {**tree, **values})
     for name in ("noisy", "clean"):
         wish = {key: value for key, value in getattr(config.data, name).model_dump().items() if value is not None}
         tree[name] = PhotonConfig(**{**getattr(plain, name).model_dump(), **wish})
-    return DatasetConfig.model_validate({**tree, **values})
+    return validated(DatasetConfig, {**tree, **values})
 
 
 def load_config(
-    source: str | None = None, settings: Sequence[str] = (), overrides: Mapping[str, Any] | None = None
+    source: str | None = None,
+    settings: Sequence[str] = (),
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    also: Sequence[Path] = (),
 ) -> Config:
     """The configuration of one run; later sources win.
 
@@ -157,13 +170,13 @@ def load_config(
         source: file, or name of a shipped configuration; defaults only if None.
         settings: ``key.key=value`` as given to --set, values in YAML.
         overrides: dotted key to value, from other options; None is left out.
+        also: more files, read after the first.
 
     Raises:
         InputError: unreadable, unknown keys, or values out of range.
     """
     tree: dict[str, Any] = Config().model_dump(mode="json")
-    if source is not None:
-        path = config_path(source)
+    for path in [*([] if source is None else [config_path(source)]), *also]:
         tree = merged(tree, read_yaml(path), f"{path}: ")
     for setting in settings:
         tree = merged(tree, parsed_setting(setting), f"--set {shortened(setting)}: ")
@@ -217,6 +230,23 @@ def config_path(source: str) -> Path:
     return shipped[source]
 
 
+def shipped_benches() -> dict[str, Path]:
+    """Ranges of benches that come with the software, by name."""
+    return {path.stem: path for path in sorted((config_folder() / "benches").glob("*.yaml"))}
+
+
+def bench_path(source: str) -> Path:
+    """File of a --bench value: a bare name means shipped ranges, anything else a path."""
+    if "/" in source or "." in source:
+        return regular_file(source)
+    shipped = shipped_benches()
+    if source not in shipped:
+        raise InputError(
+            f"bench {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
+        )
+    return shipped[source]
+
+
 def config_files(source: str | None) -> list[Path]:
     """The file of a --config value, where it is one of the user's."""
     return [] if source is None or source in shipped_configs() else [config_path(source)]
@@ -265,6 +295,7 @@ def _training_camera() -> Strict:
 _MAY_BE_OFF: dict[str, Callable[[], Strict]] = {
     "reliefs.variety": PrintVariety,
     "reliefs.making": Making,
+    "data.bench": BenchRanges,
     "training.camera": _training_camera,
 }
 """Sections that null switches off; of others, an empty one changes nothing."""

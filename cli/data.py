@@ -8,7 +8,7 @@ import rich_click as click
 from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option
 from warp_caustics.device import start_device
-from warp_caustics.errors import DamagedDataError
+from warp_caustics.errors import DamagedDataError, InputError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import DatasetConfig
@@ -22,7 +22,7 @@ def data() -> None:
 
 
 @data.command()
-@click.argument("kind", type=click.Choice(["denoiser", "updater"]))
+@click.argument("kind", type=click.Choice(["denoiser", "updater", "capture"]))
 @click.argument("directory", type=click.Path())
 @click.option("--n", "n_samples", type=integer, required=True, help="Number of samples.")
 @click.option("--seed", type=integer, default=0, show_default=True, help="Selects reliefs and photons.")
@@ -32,6 +32,11 @@ def data() -> None:
 @click.option("--scheduler", metavar="ADDRESS|FILE", help="Dask scheduler: its workers build, on any machines.")
 @click.option("--denoiser", metavar="WEIGHTS", help="Network that denoises the updater's simulated images.")
 @click.option("--picture", metavar="IMAGE", help="Print this picture (dark is fibre) instead of the pattern's own.")
+@click.option(
+    "--bench",
+    metavar="NAME|FILE",
+    help="Ranges from which each capture draws its bench: careful, ordinary, poor, or a YAML file with data.bench.",
+)
 @click.option("--compression", type=click.Choice(["gzip", "none"]), default="gzip", show_default=True)
 @click.option("--repair", is_flag=True, help="Hash every shard that is there and rebuild those that are damaged.")
 @click.option("--no-preflight", is_flag=True, help="Start even where the disk seems too small.")
@@ -47,6 +52,7 @@ def build(
     scheduler: str | None,
     denoiser: str | None,
     picture: str | None,
+    bench: str | None,
     compression: "Compression",
     repair: bool,
     no_preflight: bool,
@@ -55,13 +61,21 @@ def build(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Build the data set of the denoiser or the updater in DIRECTORY; the same command continues an unfinished one."""
-    from cli.config import dataset_config, load_config
+    """Build the data set of the denoiser, the updater, or of captures on random benches in DIRECTORY.
+
+    The same command continues an unfinished one.
+    """
+    from cli.config import bench_path, dataset_config, load_config
 
     if picture is not None:
         settings = ("reliefs.pattern=picture", *settings)
-    config = load_config(config_source, settings)
+    config = load_config(config_source, settings, also=[] if bench is None else [bench_path(bench)])
     if picture is not None:
+        if config.data.bench is not None and config.data.bench.prints is not None:
+            raise InputError(
+                f"--picture {picture} prints one thing, and the bench has {len(config.data.bench.prints)} kinds of "
+                "prints; add --set data.bench.prints=null"
+            )
         config = config.model_copy(update={"reliefs": _with_picture(config.reliefs, picture)})
     hashed, factory = _factory(denoiser)
     described = dataset_config(config, kind=kind, n_samples=n_samples, seed=seed, denoiser=hashed)
@@ -127,9 +141,10 @@ def info(directory: str, as_json: bool) -> None:
     """What the data set in DIRECTORY is, how far it is built, and what happened to its samples."""
     from dataclasses import asdict
 
+    from data_gen.store import column_ranges
     from data_gen.store import info as info_of
 
-    found = info_of(directory)
+    found, ranges = info_of(directory), column_ranges(directory)
     console = Console(as_json)
     state = "complete" if found.complete else "unfinished, build on with the same command"
     console.line(f"data set   {found.kind}, role {found.role}, fingerprint {found.fingerprint[:12]}")
@@ -139,13 +154,16 @@ def info(directory: str, as_json: bool) -> None:
     for field in found.fields:
         shape = " x ".join(map(str, field.shape))
         console.line(f"field      {field.name}: {shape} {field.dtype} [{field.unit}], {field.description}")
+    for column, (low, high) in ranges.items():
+        unit = f" {column.unit}" if column.unit else ""
+        console.line(f"column     {column.name}: {low:.4g} to {high:.4g}{unit}, {column.description}")
     for name, counter in found.counters.items():
         console.line(
             f"counter    {name.replace('_', ' ')}: mean {counter.mean:.3g}, largest {counter.max:.3g} "
             f"in sample {counter.sample_of_max}"
         )
     console.line(f"made by    nsfc {', '.join(found.code_versions) or '-'} on {', '.join(found.devices) or '-'}")
-    console.record(asdict(found))
+    console.record({**asdict(found), "columns": {column.name: limits for column, limits in ranges.items()}})
 
 
 @data.command()

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from data_gen.bench_ranges import BenchRanges
 from data_gen.config import PatternConfig, ReliefConfig
 from warp_caustics.scene import Placement, Scene
 from warp_caustics.strict import Strict
@@ -16,7 +17,8 @@ GENERATOR_VERSION = 1
 
 MAX_SAMPLES = 10**8
 
-Kind = Literal["denoiser", "updater"]
+Kind = Literal["denoiser", "updater", "capture"]
+"""Pairs of a noisy and a clean image; a relief, a start and a gradient; a relief and a photo of it on a bench."""
 Role = Literal["data", "test"]
 
 
@@ -59,6 +61,8 @@ class DatasetConfig(Strict):
     the paper, 1e6 random photons, and the updater's from a lattice: no noise, and thirty times faster."""
     clean: PhotonConfig = Field(default_factory=lambda data: _default_photons(data, PAPER_CLEAN))
     """The denoiser's target, and the updater's target image. By default 1.6e7 random photons, and a lattice."""
+    bench: BenchRanges | None = None
+    """Ranges of benches, for captures; ``clean`` says how their light is simulated."""
     denoiser: str | None = None
     """Content hash of the network that denoises the updater's simulated images; None leaves them raw."""
 
@@ -66,6 +70,18 @@ class DatasetConfig(Strict):
     def _denoiser_of_updater(self) -> "DatasetConfig":
         if self.denoiser is not None and self.kind != "updater":
             raise ValueError("only the updater's data set takes a denoiser; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _bench_of_captures(self) -> "DatasetConfig":
+        if (self.bench is not None) != (self.kind == "capture"):
+            raise ValueError(
+                "a data set of captures needs ranges of benches; give --bench ordinary, or data.bench"
+                if self.bench is None
+                else f"bench is for captures, this is a data set of the {self.kind}; build capture, or set bench to null"
+            )
+        if self.bench is not None:
+            self.bench.check(self.scene)
         return self
 
     @property
@@ -80,13 +96,15 @@ class DatasetConfig(Strict):
     def canonical(self) -> dict[str, Any]:
         """The configuration in plain types, with the generator's version.
 
-        Without ``reliefs.variety`` and ``reliefs.making`` where there is none, and later fields of the scene at their
+        Without ``reliefs.variety``, ``reliefs.making`` and ``bench`` where there is none, and later fields of the scene at their
         defaults: data sets from before them keep their fingerprint.
         """
         tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json"), "scene": self.scene.record()}
         for name in ("variety", "making"):
             if tree["reliefs"][name] is None:
                 del tree["reliefs"][name]
+        if tree["bench"] is None:
+            del tree["bench"]
         return tree
 
     def fingerprint(self) -> str:

@@ -1,13 +1,28 @@
 """What makes samples: the interface between generators of samples and the storage of data sets."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from data_gen.dataset_config import DatasetConfig
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of a field that is a row of named numbers.
+
+    Attributes:
+        name: its name.
+        unit: SI unit; empty for a bare number.
+        description: what it is, one line.
+    """
+
+    name: str
+    unit: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -20,6 +35,7 @@ class Field:
         dtype: ``"float16"``, ``"float32"``.
         unit: SI unit.
         description: what it is, one line.
+        columns: of a row of named numbers, one for each; empty for all other arrays.
     """
 
     name: str
@@ -27,6 +43,20 @@ class Field:
     dtype: str
     unit: str
     description: str
+    columns: tuple[Column, ...] = ()
+
+    def record(self) -> dict[str, Any]:
+        """Plain values; without columns where there are none, as fields were written before they had any."""
+        tree = asdict(self)
+        if not self.columns:
+            del tree["columns"]
+        return tree
+
+    @classmethod
+    def from_record(cls, tree: Mapping[str, Any]) -> "Field":
+        """The field of a record."""
+        columns = tuple(Column(**column) for column in tree.get("columns", ()))
+        return cls(**{**tree, "shape": tuple(tree["shape"]), "columns": columns})
 
     @property
     def bytes_per_sample(self) -> int:

@@ -1,4 +1,4 @@
-"""Samples of the supplement's two data sets, simulated.
+"""Samples of the supplement's two data sets, simulated, and of plates on benches.
 
 A sample depends on the configuration (but for the number of samples) and on its
 number: strokes, perturbation and each photon set have a key of their own, so that
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from data_gen.benches.bench_set import Benches
 from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator, sample_seed
 from data_gen.making import made_strokes
 from data_gen.patterns import draw_strokes, padded, perturb_strokes
@@ -243,10 +244,59 @@ class UpdaterSampler:
         )
 
 
+class BenchReliefs:
+    """Reliefs of a data set whose samples are of several kinds of prints.
+
+    Args:
+        benches: of the data set; they say which sample is of which kind.
+    """
+
+    def __init__(self, benches: Benches):
+        self.benches = benches
+        self.kinds = [Reliefs(kind, benches.device, benches.fingerprint) for kind in benches.kinds.datasets]
+
+    def true(self, ids: Sequence[int]) -> torch.Tensor:
+        """Printed heights [m], shape [len(ids), n, n], float32."""
+        n = self.benches.config.scene.height_samples
+        heights = torch.empty(len(ids), n, n, device=self.benches.device)
+        numbers = [self.benches.kinds.number(sample) for sample in ids]
+        for number, reliefs in enumerate(self.kinds):
+            rows = [row for row, kind in enumerate(numbers) if kind == number]
+            if rows:
+                heights[torch.tensor(rows, device=heights.device)] = reliefs.true([ids[row] for row in rows])
+        return heights
+
+
+class CaptureSampler:
+    """Reliefs and photos of them, each on a bench of its own."""
+
+    def __init__(self, config: DatasetConfig, device: str | torch.device):
+        self.config = config
+        self.benches = Benches(config, device=device)
+        self.reliefs = BenchReliefs(self.benches)
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        scene, columns = self.config.scene, self.benches.columns
+        return (
+            _height_field(scene, "heights", "m", "printed relief above the base"),
+            _image_field(scene, "image", "photo as irradiance, on the sample's bench"),
+            Field("bench", (len(columns),), "float64", "", "the sample's bench: one number a column", columns),
+        )
+
+    def draw(self, ids: Sequence[int]) -> SampleBatch:
+        heights, benches = self.reliefs.true(ids), self.benches.draw(ids)
+        images = self.benches.images(heights, benches)
+        arrays = _stored({"heights": heights, "image": images}, self.fields[:2])
+        return SampleBatch(tuple(ids), {**arrays, "bench": benches.values})
+
+
 def make_sampler(config: DatasetConfig, device: str, denoiser: Denoiser | None = None) -> Sampler:
     """The sampler of a data set; with the denoiser filled in, a factory for the builder."""
     if config.kind == "denoiser":
         return DenoiserSampler(config, device)
+    if config.kind == "capture":
+        return CaptureSampler(config, device)
     return UpdaterSampler(config, device, denoiser)
 
 

@@ -67,6 +67,13 @@ def flat_shares(scene: Scene) -> list[float]:
     return shares
 
 
+def spectra_of(scene: Scene) -> list[list[float]]:
+    """What photons of each wavelength are told: 1 / n, n over that behind the plate, L_i, flat share; [4, n_w]."""
+    indices, exits = scene.glass_indices, scene.exit_indices
+    ratios = [n / e for n, e in zip(indices, exits, strict=True)]
+    return [[1 / n for n in indices], ratios, list(scene.radiosity_W_m2), flat_shares(scene)]
+
+
 def flat_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
     """Standard deviation of the widest footprint that a flat plate shows below the lamp [m]."""
     ways = [
@@ -95,18 +102,26 @@ class Optics:
         profile: Profile,
         device: torch.device,
         dtype: torch.dtype,
+        spectra: torch.Tensor | None = None,
     ):
+        """Fill the structs.
+
+        Args:
+            scene: the set-up.
+            plan: gives the number of photons.
+            smoothing: s.
+            profile: of the footprints.
+            device: of the arrays.
+            dtype: of everything.
+            spectra: :func:`spectra_of` the scene on the device, where somebody has copied those of many scenes at
+                once; a copy waits for the device.
+        """
         self.scene, self.effects = scene, effects_of(scene)
         warp_dtype = dtype_of(torch.finfo(dtype).bits)
-
-        def per_wavelength(values: list[float]) -> Any:
-            return wp.from_torch(torch.tensor(values, dtype=dtype, device=device), requires_grad=False)
-
-        indices, exits = scene.glass_indices, scene.exit_indices
-        self._eta = per_wavelength([1 / n for n in indices])
-        self._ratio = per_wavelength([n / e for n, e in zip(indices, exits, strict=True)])
-        self._radiosity = per_wavelength(list(scene.radiosity_W_m2))
-        self._flat_share = per_wavelength(flat_shares(scene))
+        if spectra is None:
+            spectra = torch.tensor(spectra_of(scene), dtype=dtype, device=device)
+        rows = (wp.from_torch(row, requires_grad=False) for row in spectra)
+        self._eta, self._ratio, self._radiosity, self._flat_share = rows
         self._struct = photons_struct(warp_dtype)
         self.flat_sigma_px = flat_sigma_m(scene, smoothing, plan.count) / scene.pixel_size_m[0]
         self.shared = _shared(optics_struct(warp_dtype)(), scene, plan, smoothing, profile)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from data_gen.store.builder import build as build
     from data_gen.store.cluster import build_on_cluster as build_on_cluster
+    from data_gen.store.columns import column_ranges as column_ranges
     from data_gen.store.datamodule import CausticDataModule as CausticDataModule
     from data_gen.store.index import write_index as write_index
     from data_gen.store.progress import BuildReport as BuildReport
@@ -31,6 +32,7 @@ _HOMES = {
     "Verification": "verification",
     "build": "builder",
     "build_on_cluster": "cluster",
+    "column_ranges": "columns",
     "estimate": "summary",
     "info": "summary",
     "verify": "verification",
@@ -47,6 +49,7 @@ __all__ = [
     "Verification",
     "build",
     "build_on_cluster",
+    "column_ranges",
     "estimate",
     "info",
     "verify",

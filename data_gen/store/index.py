@@ -14,6 +14,7 @@ import numpy as np
 from data_gen.sampler import Field
 from data_gen.store.folder import StoredConfig, load_complete, open_folder
 from data_gen.store.layout import Layout, read_manifest
+from data_gen.store.shard import describe_columns
 from warp_caustics.errors import DamagedDataError, MismatchError
 from warp_caustics.io.atomic import PathLike
 from warp_caustics.io.durable import publish
@@ -61,3 +62,4 @@ def _add(file: Any, layout: Layout, config: StoredConfig, field: Field) -> None:
     kind = h5py.h5t.py_create(dtype, logical=True)
     dataset = h5py.Dataset(h5py.h5d.create(file.id, field.name.encode(), kind, whole, properties))
     dataset.attrs["unit"], dataset.attrs["description"] = field.unit, field.description
+    describe_columns(dataset, field)

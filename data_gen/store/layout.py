@@ -108,7 +108,7 @@ class Manifest:
     libraries: Mapping[str, str]
 
     def to_bytes(self) -> bytes:
-        return _sealed(asdict(self))
+        return _sealed({**asdict(self), "fields": [field.record() for field in self.fields]})
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Manifest":
@@ -125,7 +125,7 @@ class Manifest:
                     "ids": tuple(tree["ids"]),
                     "samples": {name: tuple(hashes) for name, hashes in tree["samples"].items()},
                     "counters": {name: tuple(numbers) for name, numbers in tree["counters"].items()},
-                    "fields": tuple(Field(**{**field, "shape": tuple(field["shape"])}) for field in tree["fields"]),
+                    "fields": tuple(Field.from_record(field) for field in tree["fields"]),
                 }
             )
             _check_manifest(manifest)
@@ -211,6 +211,9 @@ def _check_manifest(manifest: Manifest) -> None:
         words = (field.name, field.dtype, field.unit, field.description)
         _require(all(isinstance(word, str) for word in words) and field.dtype in FIELD_DTYPES, "fields")
         _require(all(_is_count(length, 1) for length in field.shape), f"shape of {field.name[:40]}")
+        _require(len(field.columns) in (0, *field.shape[:1]), f"columns of {field.name[:40]}")
+        names = [word for column in field.columns for word in (column.name, column.unit, column.description)]
+        _require(all(isinstance(word, str) for word in names), f"columns of {field.name[:40]}")
         _require(len(manifest.samples[field.name]) == len(manifest.ids), f"samples of {field.name[:40]}")
     _require(all(_is_hash(digest) for digests in manifest.samples.values() for digest in digests), "samples")
     for numbers in manifest.counters.values():

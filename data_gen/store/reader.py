@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from data_gen.sampler import Field
+from data_gen.sampler import Column, Field
 from data_gen.store.folder import StoredConfig, load_complete, open_folder, present_shards
 from data_gen.store.layout import Complete, Entry, Layout, read_manifest, sha256
 from data_gen.store.shard import sample_digest
@@ -81,6 +81,7 @@ class CausticDataset(Dataset[Sample]):
         shards = self._complete_shards(complete) if complete else self._published_shards(partial)
         self.ids = _selected(self._available(shards), split, ids, val_fraction)
         self._process, self._files = -1, self._closed_files()
+        self._described = self._described_fields(shards)
         self.fields = self._known_fields(shards, fields)
         self._checked = np.zeros(self.config.n_samples, bool)
 
@@ -103,6 +104,10 @@ class CausticDataset(Dataset[Sample]):
         # What a process has open and has checked is its own.
         checked = np.zeros_like(self._checked)
         return {**self.__dict__, "_files": self._closed_files(), "_process": -1, "_checked": checked}
+
+    def columns(self, name: str) -> tuple[Column, ...]:
+        """Names, units and meanings of the numbers of a field such as ``bench``, in their order; none of an array."""
+        return next((field.columns for field in self._described if field.name == name), ())
 
     def close(self) -> None:
         """Close all files; they are opened again when needed."""
@@ -160,14 +165,19 @@ class CausticDataset(Dataset[Sample]):
         parts = [np.asarray(self.config.shard_ids(shard), np.int64) for shard in shards]
         return np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
-    def _known_fields(self, shards: list[int], wanted: Iterable[str] | None) -> tuple[str, ...]:
+    def _described_fields(self, shards: list[int]) -> tuple[Field, ...]:
         if not shards:
-            return tuple(wanted or ())
+            return ()
         # One manifest is enough: a builder refuses to mix.
         manifest, problem = check_shard(self.layout, self.config, shards[0], entry=self._entries.get(shards[0]))
         if manifest is None or problem is not None:
             raise DamagedDataError(f"{problem or shards[0]}; build again to repair")
-        known = tuple(field.name for field in manifest.fields)
+        return manifest.fields
+
+    def _known_fields(self, shards: list[int], wanted: Iterable[str] | None) -> tuple[str, ...]:
+        if not shards:
+            return tuple(wanted or ())
+        known = tuple(field.name for field in self._described)
         names = known if wanted is None else tuple(wanted)
         unknown = [name for name in names if name not in known]
         if unknown or not names:

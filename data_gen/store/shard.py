@@ -64,6 +64,8 @@ def check_fields(fields: Sequence[Field], compression: str) -> None:
             raise InputError(f"field name {field.name[:40]!r} cannot be used; take letters, digits and _")
         if field.dtype not in FIELD_DTYPES:
             raise InputError(f"field {field.name} has dtype {field.dtype!r}; use one of {', '.join(FIELD_DTYPES)}")
+        if field.columns and field.shape != (len(field.columns),):
+            raise InputError(f"field {field.name} has {len(field.columns)} columns and shape {list(field.shape)}")
         if any(length < 1 for length in field.shape):
             raise InputError(f"field {field.name} has shape {list(field.shape)}; every length must be at least 1")
 
@@ -191,7 +193,20 @@ def _dataset(file: Any, field: Field, samples: int, compression: Compression) ->
         options |= {"compression": "gzip", "compression_opts": GZIP_LEVEL, "shuffle": True}
     dataset = file.create_dataset(field.name, (samples, *field.shape), dtype, **options)
     _describe(dataset, {"unit": field.unit, "description": field.description})
+    describe_columns(dataset, field)
     return dataset
+
+
+def describe_columns(dataset: Any, field: Field) -> None:
+    """Names, units and meanings of a field's columns as attributes of a data set, three lists of text."""
+    for name, words in (
+        ("columns", [column.name for column in field.columns]),
+        ("units", [column.unit for column in field.columns]),
+        ("descriptions", [column.description for column in field.columns]),
+    ):
+        if words:
+            # Of fixed length, as the shard's identity: it lies beside the data set, not in a heap of the file.
+            dataset.attrs[name] = np.array([word.encode() for word in words], dtype=f"S{max(map(len, words)) or 1}")
 
 
 def _describe(node: Any, attributes: Mapping[str, str | int]) -> None:

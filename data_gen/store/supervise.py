@@ -161,7 +161,7 @@ class Supervisor:
             raise_described(message, shard)
 
     def _greet(self, worker: _Worker, announced: list[dict[str, Any]]) -> None:
-        fields = tuple(Field(**{**part, "shape": tuple(part["shape"])}) for part in announced)
+        fields = tuple(Field.from_record(part) for part in announced)
         if self._fields is None:
             self._on_fields(fields)
             self._meter.begin()

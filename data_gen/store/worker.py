@@ -57,7 +57,7 @@ def run_worker(connection: Connection, job: WorkerJob) -> None:
     try:
         sampler = job.sampler_factory(job.config, job.device)
         with ShardMaker(job.layout, job.config, sampler, job.device, job.compression, job.threads) as maker:
-            line.send(event="ready", fields=[vars(field) for field in maker.fields])
+            line.send(event="ready", fields=[field.record() for field in maker.fields])
             _serve(line, connection, maker)
     except EOFError:
         pass
