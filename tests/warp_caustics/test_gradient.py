@@ -89,7 +89,8 @@ def test_gradient_matches_central_differences(name, placement, profile):
 def test_image_and_gradient_match_the_oracle(name, placement, profile):
     """Torch route against the float64 oracle, to 1e-8 of the largest value."""
     scene, heights = SCENES[name], relief_of(name)
-    simulator, weights = make(scene, placement, n_photons=450, profile=profile), random_image(scene)
+    n_photons = 64 if name.endswith("effects") else 450  # the oracle looks for second hits at many points of a path
+    simulator, weights = make(scene, placement, n_photons=n_photons, profile=profile), random_image(scene)
     image, grad = gradient(simulator, heights, weights)
     ((_, positions),) = simulator.engine.chunks(1)
     leaf = heights.clone().requires_grad_()
