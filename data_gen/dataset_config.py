@@ -17,7 +17,7 @@ GENERATOR_VERSION = 1
 MAX_SAMPLES = 10**8
 
 Kind = Literal["denoiser", "updater"]
-Role = Literal["data", "test"]
+Role = Literal["data", "test", "bench"]
 
 
 class PhotonConfig(Strict):
