@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
+from cli.cells import CellProgress, failure_reasons, worst_code
 from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number
 from warp_caustics.device import start_device
-from warp_caustics.errors import EXIT_BUG, EXIT_INTERRUPTED, InputError
+from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import PhotonConfig
-    from nets.evaluation.cells import Cell
     from nets.evaluation.fields import Source
     from nets.evaluation.method_spec import MethodSpec
     from warp_caustics.scene import Scene
@@ -130,7 +130,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     cells = setup.cells(job.specs, job.budgets)
     if job.jobs > 1:
         console.warn(f"{job.jobs} jobs share this machine, so times are longer than those of one")
-    progress = _Progress(console, len(cells))
+    progress = CellProgress(console)
     try:
         records = run_cells(setup, cells, jobs=job.jobs, force=job.force, report=progress)
     except KeyboardInterrupt:
@@ -157,25 +157,8 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
         {"output": output, "cells": len(records), "computed": progress.done, "failed": len(failed), "rows": rows}
     )
     if failed:
-        console.warn(f"{len(failed)} of {len(records)} cells failed: {_reasons(failed)}")
-    return _worst_code(failed) if len(failed) == len(records) else 0
-
-
-class _Progress:
-    """A line for every cell computed."""
-
-    def __init__(self, console: Console, total: int):
-        self.console, self.total, self.done = console, total, 0
-
-    def __call__(self, cell: "Cell", record: Mapping[str, Any]) -> None:
-        self.done += 1
-        if record["status"] == "failed":
-            self.console.warn(f"{cell.title}: failed, {record['reason']}")
-        elif not self.console.as_json:
-            scores = record["scores"]
-            click.echo(
-                f"[{self.done}] {cell.title}: RMSE {scores['rmse_um']:.4g} um, {record['time_s']:.3g} s", err=True
-            )
+        console.warn(f"{len(failed)} of {len(records)} cells failed: {failure_reasons(failed)}")
+    return worst_code(failed) if len(failed) == len(records) else 0
 
 
 def _photons(count: int | None) -> Any:
@@ -219,17 +202,3 @@ def _line(row: Mapping[str, Any]) -> str:
         f"{name:<40}  RMSE median {row['rmse_um_median']:8.4g} um, mean {row['rmse_um_mean']:8.4g} um, "
         f"{row['time_s_median']:6.3g} s, {row['done']} of {row['fields']} fields"
     )
-
-
-def _reasons(failed: list[dict[str, Any]]) -> str:
-    """One reason per method, the first."""
-    first: dict[str, str] = {}
-    for record in failed:
-        first.setdefault(record["method"], record["reason"])
-    return "; ".join(f"{method}: {reason}" for method, reason in first.items())
-
-
-def _worst_code(failed: list[dict[str, Any]]) -> int:
-    """A bug is worse than anything a person can mend; else the highest code."""
-    codes = {int(record["exit_code"]) for record in failed}
-    return EXIT_BUG if EXIT_BUG in codes else max(codes)

@@ -94,6 +94,7 @@ CONDITIONS: dict[str, Condition] = {
 }
 """By name; one thing wrong at a time, a plausible camera, and the worst directions in which channels lie apart."""
 
+
 def seen(image: ImageArray, condition: Condition, light_angle: float, white: ImageArray) -> ImageArray:
     """The image as it is measured; what moves channels or changes the print was simulated before.
 

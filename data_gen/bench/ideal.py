@@ -10,6 +10,4 @@ def cases(count: int) -> list[Case]:
     """The first ``count`` fields."""
     config = fields_config()
     title = "development fields, 1 % noise"
-    return [
-        Case("ideal", "field", title, Plate(config, number), config.scene, config.scene) for number in range(count)
-    ]
+    return [Case("ideal", "field", title, Plate(config, number), config.scene, config.scene) for number in range(count)]

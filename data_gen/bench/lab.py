@@ -100,10 +100,17 @@ def _another() -> Scene:
 
 BENCHES: dict[str, LabBench] = {
     "careful": LabBench(
-        "careful", Scene(), gap_m=5e-6, disc_deg=0.1, psf_px=0.35, ambient=0.003, sensor=sensor(16, 3.0)
+        "careful: gap 5 um wider, lamp disc 0.1 degrees, PSF 0.35 px, ambient 0.3 %, noise 0.7 %",
+        Scene(),
+        gap_m=5e-6,
+        disc_deg=0.1,
+        psf_px=0.35,
+        ambient=0.003,
+        sensor=sensor(16, 3.0),
     ),
     "ordinary": LabBench(
-        "ordinary",
+        "ordinary: gap 50 um wider, base 20 um thicker, index 0.0007 higher, lamp disc 0.5 degrees, tilt 0.2 degrees, PSF "
+        "0.7 px, 0.15 px off, light uneven by 2 %, ambient 1 %, mixing 3 %, speckle 2 %, noise 1.5 %",
         Scene(),
         gap_m=50e-6,
         base_m=20e-6,
@@ -118,7 +125,8 @@ BENCHES: dict[str, LabBench] = {
         sensor=sensor(4, 5.0, speckle_contrast=0.02, speckle_width_px=1.0),
     ),
     "poor": LabBench(
-        "poor",
+        "poor: gap 200 um wider, base 60 um thinner, index 0.002 lower, lamp disc 1 degree, tilt 0.5 degrees, bow 10 um, PSF "
+        "1.2 px, colours 0.3 px apart, light uneven by 5 %, ambient 3 %, speckle 5 %, 30 grains of dust, noise 3 %",
         Scene(),
         gap_m=200e-6,
         base_m=-60e-6,
@@ -133,7 +141,8 @@ BENCHES: dict[str, LabBench] = {
         sensor=sensor(1, 10.0, speckle_contrast=0.05, speckle_width_px=1.2, dust_grains=20, fresh_dust_grains=10),
     ),
     "another": LabBench(
-        "another bench, told nearly right: base 3.2 mm, gap 1 mm, lamp at 0.5 m",
+        "another bench (base 3.2 mm, gap 1 mm, lamp at 0.5 m), told nearly: gap 20 um wider, base 10 um thicker, index "
+        "0.0005 higher, lamp disc 0.12 degrees, PSF 0.5 px, light uneven by 1 %, noise 1 %",
         _another(),
         gap_m=20e-6,
         base_m=10e-6,
@@ -163,9 +172,7 @@ def _case(row: str, bench: LabBench, number: int) -> Case:
         return float(np.cos(angle)), float(np.sin(angle))
 
     scene, camera = _scene(bench, drawn), _camera(bench, drawn)
-    return Case(
-        "lab", row, bench.title, plate, bench.told, scene, bench.index, camera=camera, photons=SHARP_PHOTONS
-    )
+    return Case("lab", row, bench.title, plate, bench.told, scene, bench.index, camera=camera, photons=SHARP_PHOTONS)
 
 
 Direction = Callable[[], tuple[float, float]]

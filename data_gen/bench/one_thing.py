@@ -74,7 +74,9 @@ DIFFERENCES: dict[str, Difference] = {
     "no-dispersion": Difference("glass without dispersion, index 1.4633", scene={"glass": NO_DISPERSION}),
     "lamp-1m": Difference("lamp at 1 m instead of infinity", scene=lamp_at(1.0, Scene())),
     "lamp-0.3m": Difference("lamp at 0.3 m", scene=lamp_at(0.3, Scene())),
-    "disc-0.5deg": Difference("lamp a disc of half angle 0.5 degrees", scene={"lamp_half_angle_rad": math.radians(0.5)}),
+    "disc-0.5deg": Difference(
+        "lamp a disc of half angle 0.5 degrees", scene={"lamp_half_angle_rad": math.radians(0.5)}
+    ),
     "tilt-0.2deg": Difference("light tilted by 0.2 degrees", scene={"light_tilt_rad": (math.radians(0.2), 0.0)}),
     "fresnel": Difference("Fresnel losses at both faces", scene={"fresnel": True}),
     "quarter": Difference("section: quarter cosine", CONDITIONS["quarter"]),

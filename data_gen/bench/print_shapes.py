@@ -72,9 +72,7 @@ SHAPES: dict[str, Shape] = {
     "section-parabola-power": Shape(
         "section: (1 - 4u^2)^g, g 0.5 to 1.6", made(sections=("parabola",), exponent=(0.5, 1.6))
     ),
-    "fibre-caps": Shape(
-        "0.4 mm fibres fused to caps, one pass", ReliefConfig(making=fibre_caps(1), **FIBRE_LINES)
-    ),
+    "fibre-caps": Shape("0.4 mm fibres fused to caps, one pass", ReliefConfig(making=fibre_caps(1), **FIBRE_LINES)),
     "fibre-passes": Shape(
         "0.4 mm fibres fused to caps, 1 to 6 passes", ReliefConfig(making=fibre_caps(6), **FIBRE_LINES)
     ),

@@ -59,9 +59,7 @@ class Setup:
             content = field.content()
             for spec in specs:
                 for budget in spec.budgets(budgets):
-                    key = cell_key(
-                        spec, budget, content, self.scene, self.n_photons, self.device, self.scoring
-                    )
+                    key = cell_key(spec, budget, content, self.scene, self.n_photons, self.device, self.scoring)
                     found.append(Cell(field.name, spec, budget, key))
         return found
 
