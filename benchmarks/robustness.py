@@ -1,9 +1,9 @@
 """How far ``direct`` is off when bench, camera or print are not what it expects, and whether it says so.
 
 The development fields (`data_gen.testset`), or fields of an own seed that nothing was trained on, each seen under every
-condition of `data_gen.bench.conditions`; all that is random is fixed per field, so that conditions and weights can be compared.
-Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights, device and
-options are not computed again.
+condition of `data_gen.bench.conditions`; all that is random is fixed per field, so that conditions and weights can be
+compared. Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights,
+device and options are not computed again.
 
     python -m benchmarks.robustness [--device cuda] [--fields N] [--own SEED] [--conditions ideal,apart-0.1,...]
                                     [--variants once,symmetries,direct] [--weights FILE] [--json FILE]

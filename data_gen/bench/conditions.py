@@ -1,8 +1,8 @@
 """Ways in which bench, camera or print are not what a reconstruction expects, by name.
 
 What a camera does is written here a second time, on purpose: a network that was trained with ``nets.training.camera``
-must not be judged by the same resampling and the same noise. ``benchmarks.robustness`` and the suite ``one-thing`` share
-these conditions.
+must not be judged by the same resampling and the same noise. ``benchmarks.robustness`` and the suite ``one-thing``
+share these conditions.
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
+
+from warp_caustics.types import FloatArray
 
 ImageArray = npt.NDArray[np.float32]
 
@@ -95,7 +97,7 @@ CONDITIONS: dict[str, Condition] = {
 """By name; one thing wrong at a time, a plausible camera, and the worst directions in which channels lie apart."""
 
 
-def seen(image: ImageArray, condition: Condition, light_angle: float, white: ImageArray) -> ImageArray:
+def seen(image: ImageArray, condition: Condition, light_angle: float, white: FloatArray) -> ImageArray:
     """The image as it is measured; what moves channels or changes the print was simulated before.
 
     Args:

@@ -1,4 +1,4 @@
-"""Suite ``ideal``: the ten development fields on the bench that methods are told, as ``nsfc compare --testset`` has them."""
+"""Suite ``ideal``: the ten development fields on the bench that methods are told, as of ``nsfc compare --testset``."""
 
 from data_gen.bench.case import Case, Plate
 from data_gen.testset import DEVELOPMENT_FIELDS, fields_config

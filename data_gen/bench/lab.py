@@ -6,7 +6,7 @@ Directions (of a tilt, a shift, uneven light) are drawn for each plate.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class LabBench:
     uneven: float = 0.0
     ambient: float = 0.0
     mixing: float = 0.0
-    sensor: SensorConfig = SensorConfig()
+    sensor: SensorConfig = field(default_factory=SensorConfig)
 
 
 def sensor(exposures: int, read_noise: float, **others: float) -> SensorConfig:
@@ -109,8 +109,8 @@ BENCHES: dict[str, LabBench] = {
         sensor=sensor(16, 3.0),
     ),
     "ordinary": LabBench(
-        "ordinary: gap 50 um wider, base 20 um thicker, index 0.0007 higher, lamp disc 0.5 degrees, tilt 0.2 degrees, PSF "
-        "0.7 px, 0.15 px off, light uneven by 2 %, ambient 1 %, mixing 3 %, speckle 2 %, noise 1.5 %",
+        "ordinary: gap 50 um wider, base 20 um thicker, index 0.0007 higher, lamp disc 0.5 degrees, tilt 0.2 degrees, "
+        "PSF 0.7 px, 0.15 px off, light uneven by 2 %, ambient 1 %, mixing 3 %, speckle 2 %, noise 1.5 %",
         Scene(),
         gap_m=50e-6,
         base_m=20e-6,
@@ -125,8 +125,9 @@ BENCHES: dict[str, LabBench] = {
         sensor=sensor(4, 5.0, speckle_contrast=0.02, speckle_width_px=1.0),
     ),
     "poor": LabBench(
-        "poor: gap 200 um wider, base 60 um thinner, index 0.002 lower, lamp disc 1 degree, tilt 0.5 degrees, bow 10 um, PSF "
-        "1.2 px, colours 0.3 px apart, light uneven by 5 %, ambient 3 %, speckle 5 %, 30 grains of dust, noise 3 %",
+        "poor: gap 200 um wider, base 60 um thinner, index 0.002 lower, lamp disc 1 degree, tilt 0.5 degrees, bow "
+        "10 um, PSF 1.2 px, colours 0.3 px apart, light uneven by 5 %, ambient 3 %, speckle 5 %, 30 grains of "
+        "dust, noise 3 %",
         Scene(),
         gap_m=200e-6,
         base_m=-60e-6,

@@ -4,6 +4,7 @@ Truth is made on the CPU wherever images are simulated, so that everybody is sco
 """
 
 from collections import OrderedDict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,7 +100,7 @@ def channel_scenes(case: Case) -> list[Scene]:
     size_x, size_y = scene.pixel_size_m
     found = []
     for channel, (along_x, along_y) in enumerate(moves.tolist()):
-        changed = {
+        changed: dict[str, Any] = {
             "wavelengths_m": (scene.wavelengths_m[channel],),
             "radiosity_W_m2": (scene.radiosity_W_m2[channel],),
             "screen_position_m": (x + along_x * size_x, y + along_y * size_y, z),

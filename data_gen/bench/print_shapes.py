@@ -1,4 +1,4 @@
-"""Suite ``prints``: shapes, sections, overlaps and flaws of prints, one at a time, on the bench that methods are told."""
+"""Suite ``prints``: shapes, sections, overlaps and flaws of prints, one at a time; the bench is as it is told."""
 
 import math
 from dataclasses import dataclass

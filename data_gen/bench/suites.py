@@ -28,7 +28,7 @@ class Suite:
 SUITES = {
     suite.name: suite
     for suite in (
-        Suite("ideal", "ten development fields of Tab. 3 on the bench that methods are told", ideal.PLATES, ideal.cases),
+        Suite("ideal", "ten development fields on the bench that methods are told", ideal.PLATES, ideal.cases),
         Suite(
             "one-thing", "one thing at a time that differs from what methods are told", one_thing.PLATES,
             one_thing.cases,

@@ -53,6 +53,7 @@ LAYERS = {
         "reliefs store",
         "samples",
         "testset",
+        "bench",
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries",

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from nets.evaluation.code_version import code_version
 from nets.evaluation.fields import Field
 from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.types import FloatArray
 
 ARRAYS = ("heights", "image", "noise", "mask", "folds", "warnings")
 
@@ -32,7 +32,8 @@ def case_field(case: Case, light: Light, folder: Path) -> Field:
     if arrays is None:
         arrays = _arrays(case, measured(case, light))
         write_arrays(path, arrays)
-    noise, mask = arrays["noise"], arrays["mask"]
+    noise: Any = arrays["noise"]
+    mask: Any = arrays["mask"]
     image = CausticImage(
         arrays["image"],
         noise if np.isfinite(noise).all() else None,
@@ -42,7 +43,7 @@ def case_field(case: Case, light: Light, folder: Path) -> Field:
     return Field(case.name, arrays["heights"], image, float(arrays["folds"]), "simulated", warnings)
 
 
-def _arrays(case: Case, found: Measured) -> dict[str, FloatArray]:
+def _arrays(case: Case, found: Measured) -> dict[str, Any]:
     image, missing = found.image, np.full(case.told.n_wavelengths, np.nan)
     return {
         "heights": found.heights_m,
