@@ -1,10 +1,10 @@
 """The stored figures of ``nsfc bench``, and the tables of docs/bench.md made from them.
 
-    python -m benchmarks.bench build/bench/lab/table.json ...   # figures of runs into benchmarks/bench.json, tables anew
-    python -m benchmarks.bench                                  # the tables anew, from the stored figures
+    python -m benchmarks.bench RUN/table.json ...   # figures of runs into benchmarks/bench.json, tables anew
+    python -m benchmarks.bench                      # the tables anew, from the stored figures
 
-``make bench-lab`` runs all suites and then this. Of each suite, method and row the file holds the figures of every plate,
-and on what they were computed. A row of a run replaces the stored row, unless that has more plates.
+``make bench-lab`` runs all suites and then this. Of each suite, method and row the file holds the figures of every
+plate, and on what they were computed. A row of a run replaces the stored row, unless that has more plates.
 """
 
 import json
