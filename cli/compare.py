@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.cells import CellProgress, failure_reasons, worst_code
 from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number
 from warp_caustics.device import start_device
@@ -15,6 +14,7 @@ from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import PhotonConfig
+    from nets.evaluation.cells import Cell
     from nets.evaluation.fields import Source
     from nets.evaluation.method_spec import MethodSpec
     from warp_caustics.scene import Scene
@@ -130,7 +130,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     cells = setup.cells(job.specs, job.budgets)
     if job.jobs > 1:
         console.warn(f"{job.jobs} jobs share this machine, so times are longer than those of one")
-    progress = CellProgress(console)
+    progress = _Progress(console, len(cells))
     try:
         records = run_cells(setup, cells, jobs=job.jobs, force=job.force, report=progress)
     except KeyboardInterrupt:
@@ -139,6 +139,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
         )
         return EXIT_INTERRUPTED
 
+    from cli.cells import failure_reasons, worst_code
     from cli.comparison.about import about_comparison
     from cli.comparison.page import write_page
     from nets.evaluation.table import summary, table_rows, write_tables
@@ -159,6 +160,23 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     if failed:
         console.warn(f"{len(failed)} of {len(records)} cells failed: {failure_reasons(failed)}")
     return worst_code(failed) if len(failed) == len(records) else 0
+
+
+class _Progress:
+    """A line for every cell computed."""
+
+    def __init__(self, console: Console, total: int):
+        self.console, self.total, self.done = console, total, 0
+
+    def __call__(self, cell: "Cell", record: Mapping[str, Any]) -> None:
+        self.done += 1
+        if record["status"] == "failed":
+            self.console.warn(f"{cell.title}: failed, {record['reason']}")
+        elif not self.console.as_json:
+            scores = record["scores"]
+            click.echo(
+                f"[{self.done}] {cell.title}: RMSE {scores['rmse_um']:.4g} um, {record['time_s']:.3g} s", err=True
+            )
 
 
 def _photons(count: int | None) -> Any:
