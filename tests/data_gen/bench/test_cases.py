@@ -1,6 +1,7 @@
 """Suites: what they hold, and that nothing of them is ever trained on."""
 
 import itertools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,14 +54,17 @@ def test_no_stream_of_a_training_holds_a_plate():
     assert fields_config(which="test").sample_fingerprint() not in fingerprints
 
 
-def test_what_trainings_draw_from_never_has_the_role():
-    """Every configuration that a person can give makes data sets of the role ``data``."""
-    import nets.training
+def test_nobody_else_gives_the_role():
+    """Data sets have the role ``data`` unless code says otherwise, and only the suites' own code says ``bench``."""
     from cli.config import Config, dataset_config
 
     assert dataset_config(Config(), kind="updater", n_samples=3, seed=1, denoiser=None).role == "data"
-    sources = [path.read_text(encoding="utf-8") for path in Path(nets.training.__path__[0]).glob("*.py")]
-    assert sources and not any("bench" in source for source in sources)
+    root = Path(__file__).parents[3]
+    sources = [path for name in ("warp_caustics", "data_gen", "nets", "cli") for path in (root / name).rglob("*.py")]
+    said = [
+        path for path in sources if re.search(r"""role["']?\s*[=:]\s*["']bench""", path.read_text(encoding="utf-8"))
+    ]
+    assert said == [root / "data_gen" / "bench" / "case.py"]
 
 
 def test_a_plate_of_the_role_is_another_plate():
