@@ -22,7 +22,17 @@ from data_gen.bench.suites import SUITES, suite_cases
 FILE = Path(__file__).with_name("bench.json")
 PAGE = Path(__file__).parents[1] / "docs" / "bench.md"
 
-FIGURES = ("rmse_um", "rmse_aligned_um", "slope_error", "within_one", "within_two", "flat_um", "warned", "time_s")
+FIGURES = (
+    "rmse_um",
+    "rmse_aligned_um",
+    "slope_error",
+    "within_one",
+    "within_two",
+    "flat_um",
+    "warned",
+    "explained",
+    "time_s",
+)
 """Of each plate."""
 MEASURED_WITH = ("direct",)
 """Networks whose hash is stored: those of the methods that the tables show."""
@@ -93,7 +103,7 @@ def table(tree: Mapping[str, Any], suite: str) -> list[str]:
     methods = methods_of(found)
     head = ["what differs", "flat guess"]
     for method in methods:
-        head += [f"`{method}`", "aligned", "within 1, 2 u", "warned"]
+        head += [f"`{method}`", "aligned", "within 1, 2 u", "warned", "explained"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for name, title in titles(suite).items():
         cells = [f"{title}", _flat(found, name)]
@@ -104,17 +114,19 @@ def table(tree: Mapping[str, Any], suite: str) -> list[str]:
 
 
 def method_cells(figures: Mapping[str, Any] | None) -> list[str]:
-    """Error, aligned error, coverage, how many were warned of; of plates whose numbers are stored."""
+    """Error, aligned error, coverage, how many were warned of and explained; of plates whose numbers are stored."""
     if figures is None:
-        return ["to come", "", "", ""]
+        return ["to come", "", "", "", ""]
     plates, done = len(figures["plates"]), figures["done"]
     if not done:
-        return ["refused", "", "", ""]
+        return ["refused", "", "", "", ""]
     covered = "-"
     if all(value is not None for value in figures["within_one"]):
         covered = ", ".join(f"{100 * np.mean(figures[name]):.0f}" for name in ("within_one", "within_two")) + " %"
     warned = f"{sum(map(bool, figures['warned']))} of {done}" + (f" ({plates - done} refused)" if done < plates else "")
-    return [_um(figures["rmse_um"]), _um(figures["rmse_aligned_um"]), covered, warned]
+    told = [value for value in figures["explained"] if value is not None]
+    explained = f"{sum(told)} of {done}" if told else "-"
+    return [_um(figures["rmse_um"]), _um(figures["rmse_aligned_um"]), covered, warned, explained]
 
 
 def _flat(suite: Mapping[str, Any], name: str) -> str:

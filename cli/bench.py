@@ -264,6 +264,7 @@ def _line(line: Mapping[str, Any]) -> str:
         "" if line["within_one"] is None else f", within 1 / 2 u {line['within_one']:.2f} / {line['within_two']:.2f}"
     )
     warned = "" if line["warned"] is None else f", {line['warned']} warned"
+    warned += "" if line["explained"] is None else f", {line['explained']} explained"
     time = "" if line["time_s"] is None else f", {line['time_s']:.3g} s"
     return (
         f"{name:<36} RMSE {line['rmse_um']:8.4g} um, aligned {line['rmse_aligned_um']:8.4g}, slopes "

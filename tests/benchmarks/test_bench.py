@@ -14,7 +14,15 @@ ROOT = Path(__file__).parents[2]
 
 def run(device="cpu", n_photons=None, plates=2, **others):
     scores = {"rmse_um": 12.34567, "rmse_aligned_um": 11.0, "slope_error": 0.1, "within_one": 0.5, "within_two": 0.9}
-    row = {"row": "careful", "method": "direct", "status": "done", "warned": True, "time_s": 1.0, "reason": None}
+    row = {
+        "row": "careful",
+        "method": "direct",
+        "status": "done",
+        "warned": True,
+        "explained": False,
+        "time_s": 1.0,
+        "reason": None,
+    }
     row |= scores | {"flat_um": 300.0} | others
     about = {"suite": "lab", "device": device, "n_photons": n_photons, "code": "c" * 64}
     return {"about": about, "rows": [row | {"case": f"careful_{k}"} for k in range(plates)]}
@@ -61,9 +69,9 @@ def test_rows_of_more_plates_stay():
     assert tree["suites"]["lab"]["direct"]["careful"]["rmse_um"] == [1.0] * 3
     assert tree["weights"] == weights
     lines = table(tree, "lab")
-    assert lines[0] == "| what differs | flat guess | `direct` | aligned | within 1, 2 u | warned |"
-    assert lines[2].endswith("| 300 | 1.0 | 11.0 | 50, 90 % | 3 of 3 |")
-    assert lines[3].endswith("|  | to come |  |  |  |")
+    assert lines[0] == "| what differs | flat guess | `direct` | aligned | within 1, 2 u | warned | explained |"
+    assert lines[2].endswith("| 300 | 1.0 | 11.0 | 50, 90 % | 3 of 3 | 0 of 3 |")
+    assert lines[3].endswith("|  | to come |  |  |  |  |")
 
 
 def test_trials_and_given_heights_are_not_stored():
@@ -74,11 +82,11 @@ def test_trials_and_given_heights_are_not_stored():
 
 def test_cells_of_refusals_and_of_methods_without_uncertainty():
     tree = {"suites": {}}
-    collect(tree, run(plates=1, status="failed", reason="another scene", warned=None), {"direct": ""})
+    collect(tree, run(plates=1, status="failed", reason="another scene", warned=None, explained=None), {"direct": ""})
     row = tree["suites"]["lab"]["direct"]["careful"]
     assert row["reasons"] == ["another scene"] and method_cells(row)[0] == "refused"
-    collect(tree, run(plates=2, within_one=None, within_two=None, warned=False), {"direct": ""})
-    assert method_cells(tree["suites"]["lab"]["direct"]["careful"]) == ["12.3", "11.0", "-", "0 of 2"]
+    collect(tree, run(plates=2, within_one=None, within_two=None, warned=False, explained=None), {"direct": ""})
+    assert method_cells(tree["suites"]["lab"]["direct"]["careful"]) == ["12.3", "11.0", "-", "0 of 2", "-"]
 
 
 def test_the_file_is_json_with_a_list_in_a_line():

@@ -52,20 +52,21 @@ def relief_scores(
     return scores
 
 
-def is_warned(result: Reconstruction) -> bool:
-    """Whether a result carries a warning, or its trust line does not call the image explained."""
-    return bool(result.warnings) or (result.trust is not None and result.trust.is_explained is False)
-
-
 def bench_scores(scene: Scene, n_photons: int, device: str) -> Callable[[Reconstruction, Field], Mapping[str, Any]]:
     """What scores results of cases; light paths and device do not matter to it.
 
-    The scores are :data:`BENCH_SCORES`, ``warned`` and ``trust``, the line of that name.
+    The scores are :data:`BENCH_SCORES`; ``warned``, whether the result carries a warning; ``trust``, the line of that
+    name, and ``explained``, whether it says that the image is explained; None where the method does not tell.
     """
 
     def scores(result: Reconstruction, field: Field) -> dict[str, Any]:
         numbers = relief_scores(result.heights_m, field.heights_m, scene.plate_size_m, result.uncertainty_m)
-        trust = None if result.trust is None else result.trust.line
-        return {**numbers, "warned": is_warned(result), "trust": trust}
+        trust = result.trust
+        return {
+            **numbers,
+            "warned": bool(result.warnings),
+            "explained": None if trust is None else trust.is_explained,
+            "trust": None if trust is None else trust.line,
+        }
 
     return scores

@@ -8,7 +8,20 @@ from nets.evaluation.bench.scores import BENCH_SCORES
 
 Row = dict[str, Any]
 
-COLUMNS = ("case", "row", "title", "method", "status", *BENCH_SCORES, "warned", "trust", "time_s", "warnings", "reason")
+COLUMNS = (
+    "case",
+    "row",
+    "title",
+    "method",
+    "status",
+    *BENCH_SCORES,
+    "warned",
+    "explained",
+    "trust",
+    "time_s",
+    "warnings",
+    "reason",
+)
 """Of a row."""
 
 
@@ -23,7 +36,7 @@ def bench_rows(records: Iterable[Mapping[str, Any]]) -> list[Row]:
 
 
 def bench_summary(rows: Sequence[Row]) -> list[Row]:
-    """Per row of the suite and method: means over its plates, the median error, how many were warned of.
+    """Per row of the suite and method: means over its plates, the median error, how many were warned of, how many images are explained.
 
     ``within_one`` and ``within_two`` are means over plates whose result has an uncertainty, None if none has.
     """
@@ -40,7 +53,8 @@ def bench_summary(rows: Sequence[Row]) -> list[Row]:
             line[score] = statistics.fmean(known) if known else None
         errors = [float(row["rmse_um"]) for row in done]
         line["rmse_um_median"] = statistics.median(errors) if errors else None
-        told = [row["warned"] for row in done if row["warned"] is not None]
-        line["warned"] = sum(told) if told else None
+        for which in ("warned", "explained"):
+            told = [row[which] for row in done if row[which] is not None]
+            line[which] = sum(told) if told else None
         found.append(line)
     return found

@@ -1,17 +1,21 @@
 """Scores of reliefs, tables of them, and heights that another program made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from data_gen.bench.light import true_heights
 from data_gen.bench.suites import suite_cases
-from nets.evaluation.bench.scores import is_warned, relief_scores
+from nets.evaluation.bench.scores import bench_scores, relief_scores
 from nets.evaluation.bench.scoring import score_folder
 from nets.evaluation.bench.table import bench_rows, bench_summary
+from nets.evaluation.fields import Field
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.heights import write_heights
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.reconstruct.trust import Trust
+from warp_caustics.scene import Scene
 
 PLATE = (0.05, 0.05)
 
@@ -29,20 +33,30 @@ def test_scores_of_a_known_error():
     assert relief_scores(true, true, PLATE)["within_one"] is None
 
 
-@pytest.mark.parametrize(
-    ("warnings", "is_explained", "warned"),
-    [((), None, False), ((), True, False), ((), False, True), (("dim",), True, True)],
-)
-def test_a_result_warns_by_a_warning_or_by_its_trust_line(warnings, is_explained, warned):
+@pytest.mark.parametrize("is_explained", [None, True, False])
+@pytest.mark.parametrize("warnings", [(), ("dim",)])
+def test_warned_and_explained_are_told_apart(warnings, is_explained):
+    scene = Scene(height_samples=32)
     trust = Trust("line", is_explained, 0.1, None, 0.0, 0.5, None, "unknown")
+    field = Field("f", np.zeros((32, 32)), None, 0.0, "simulated")
     result = Reconstruction(
-        "m", np.zeros((2, 2)), np.zeros((1, 2, 2)), 0.1, "converged", warnings=warnings, trust=trust
+        "m", np.full((32, 32), 1e-6), np.zeros((1, 2, 2)), 0.1, "converged", warnings=warnings, trust=trust
     )
-    assert is_warned(result) == warned
+    found = bench_scores(scene, 1, "cpu")(result, field)
+    assert (found["warned"], found["explained"], found["trust"]) == (bool(warnings), is_explained, "line")
+    assert found["rmse_um"] == pytest.approx(1)
+    without = bench_scores(scene, 1, "cpu")(replace(result, trust=None), field)
+    assert without["explained"] is None and without["trust"] is None
 
 
 def record(case, method, rmse, warned, **others):
-    scores = {"rmse_um": rmse, "rmse_aligned_um": rmse / 2, "within_one": others.get("one"), "warned": warned}
+    scores = {
+        "rmse_um": rmse,
+        "rmse_aligned_um": rmse / 2,
+        "within_one": others.get("one"),
+        "warned": warned,
+        "explained": not warned,
+    }
     return {
         "field": case,
         "row": "r",
@@ -58,7 +72,7 @@ def test_summary_of_a_row():
     failed = {"field": "r_2", "row": "r", "title": "t", "method": "a", "status": "failed", "reason": "no"}
     rows = bench_rows([record("r_0", "a", 2.0, True, one=0.5), record("r_1", "a", 4.0, False), failed])
     (line,) = bench_summary(rows)
-    assert (line["plates"], line["done"], line["warned"]) == (3, 2, 1)
+    assert (line["plates"], line["done"], line["warned"], line["explained"]) == (3, 2, 1, 1)
     assert line["rmse_um"] == 3 and line["rmse_um_median"] == 3 and line["rmse_aligned_um"] == 1.5
     assert line["within_one"] == 0.5 and line["within_two"] is None and line["time_s"] == 1
     (line,) = bench_summary(bench_rows([failed]))
