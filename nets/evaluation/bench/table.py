@@ -36,7 +36,7 @@ def bench_rows(records: Iterable[Mapping[str, Any]]) -> list[Row]:
 
 
 def bench_summary(rows: Sequence[Row]) -> list[Row]:
-    """Per row of the suite and method: means over its plates, the median error, how many were warned of, how many images are explained.
+    """Per row of the suite and method: means over its plates, the median error, how many warned and explained.
 
     ``within_one`` and ``within_two`` are means over plates whose result has an uncertainty, None if none has.
     """
