@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu train-weights clean
+.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu bench-lab train-weights clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-14s %s\n", $$1, $$2}'
@@ -50,6 +50,17 @@ bench: $(STAMP) ## how fast the simulator is on this CPU, with its error
 
 bench-gpu: $(STAMP) ## the same on a GPU
 	$(BIN)/python -m benchmarks.speed --device cuda --json benchmarks/gpu.json
+
+SUITES := ideal one-thing lab prints
+BENCH_METHODS ?= flat,direct,auto
+BENCH_OPTIONS ?=
+
+bench-lab: $(STAMP) ## methods on the test bench, tables of docs/bench.md (BENCH_METHODS, BENCH_OPTIONS='--fields 1')
+	mkdir -p build/bench
+	for suite in $(SUITES); do \
+		$(BIN)/nsfc bench run --suite $$suite --methods $(BENCH_METHODS) -o build/bench/$$suite $(BENCH_OPTIONS) || exit 1; \
+	done
+	$(BIN)/python -m benchmarks.bench $(SUITES:%=build/bench/%/table.json)
 
 train-weights: $(STAMP) ## train every network into weights_out/, two and a quarter hours on H200s
 	NSFC=$(BIN)/nsfc examples/train_weights.sh weights_out

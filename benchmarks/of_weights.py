@@ -56,6 +56,7 @@ PLACES = (
     # Stored figures, from which tests/test_figures.py checks the pages.
     Place("benchmarks/robustness_h200.json", '"weights"', DIRECT, f"{CONDITIONS}, on the CPU too; {OWN}; {COMPARE}"),
     Place("benchmarks/learned_h200.json", "iterations/full", ABLATIONS, LEARNED),
+    Place("benchmarks/bench.json", '"weights"', DIRECT, "make bench-lab"),
     # Pages.
     Place("README.md", "## What it reaches", {**DIRECT, **NSFC}, "benchmarks/robustness_h200.json, learned_h200.json"),
     Place("docs/start.md", "## Read the result", DIRECT, "make demo"),
@@ -68,6 +69,7 @@ PLACES = (
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),
     Place("docs/compare.md", "## Images of another renderer", OLD, "the command on the page"),
+    Place("docs/bench.md", "## Figures", DIRECT, "make bench-lab"),
     Place("docs/inspect.md", "## How the plate is recovered", OLD, "python -m benchmarks.inspection"),
     Place("docs/inspect.md", "## Measured", OLD, "python -m benchmarks.inspection"),
     Place("docs/capture.md", "### Blur", OLD, CONDITIONS),

@@ -1,9 +1,9 @@
 """How far ``direct`` is off when bench, camera or print are not what it expects, and whether it says so.
 
 The development fields (`data_gen.testset`), or fields of an own seed that nothing was trained on, each seen under every
-condition of `wrong_bench`; all that is random is fixed per field, so that conditions and weights can be compared.
-Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights, device and
-options are not computed again.
+condition of `data_gen.bench.conditions`; all that is random is fixed per field, so that conditions and weights can be
+compared. Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights,
+device and options are not computed again.
 
     python -m benchmarks.robustness [--device cuda] [--fields N] [--own SEED] [--conditions ideal,apart-0.1,...]
                                     [--variants once,symmetries,direct] [--weights FILE] [--json FILE]
@@ -21,24 +21,24 @@ what it needs is kept beside the JSON file, in an .npz file, by every run.
 import argparse
 import os
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.ndimage
-import scipy.optimize
 import torch
 import yaml
 
 from benchmarks.learned import VARIANTS, Cells
-from benchmarks.odd_prints import printed
 from benchmarks.spread_fit import Kept, print_fits
-from benchmarks.wrong_bench import CONDITIONS, NAMED_ONLY, Condition, chosen, seen
+from data_gen.bench.conditions import CONDITIONS, Condition, seen
+from data_gen.bench.odd_prints import printed
 from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes
 from data_gen.testset import DEVELOPMENT_FIELDS, TEST_PHOTONS, fields_config
+from nets.evaluation.alignment import aligned_rmse_um
 from nets.reconstruct.methods import create
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.shipped import find_network
@@ -52,10 +52,10 @@ ImageArray = npt.NDArray[np.float32]
 
 PHOTON_NOISE = 0.018
 """Of the test photons behind a flat plate, relative; fewer photons leave more than is told."""
-FARTHEST = 2.0
-"""Samples by which a result is moved at most to align it."""
 THREADS = 8
 """That prepare images; numpy and scipy leave the interpreter's lock."""
+NAMED_ONLY = ("opposite-0.1", "opposite-0.3")
+"""The worst directions of ``apart``, for comparison with figures of others; left out of a run of all conditions."""
 
 
 class Fields:
@@ -148,27 +148,6 @@ class Fields:
         simulator.reseed(sample_seed(self.fingerprint, "photons/test", field))
         heights = torch.tensor(self.heights(relief)[field], dtype=torch.float32, device=simulator.device)
         return np.asarray(simulator(heights).cpu())
-
-
-def aligned_rmse_um(heights: FloatArray, true: FloatArray) -> float:
-    """Root mean square difference after the best move sideways [um]; heights [m], both of shape [n, n]."""
-    margin = 16
-    # Filtered once, moved many times; the margin keeps the spline's ends away.
-    spline = scipy.ndimage.spline_filter(np.pad(heights, margin, mode="edge"), order=3)
-    inside = slice(margin, -margin)
-
-    def error(shift: FloatArray) -> float:
-        moved = scipy.ndimage.shift(spline, shift, order=3, mode="nearest", prefilter=False)[inside, inside]
-        return 1e6 * float(np.sqrt(np.mean((moved - true) ** 2)))
-
-    found = scipy.optimize.minimize(
-        error,
-        np.zeros(2),
-        method="Nelder-Mead",
-        bounds=[(-FARTHEST, FARTHEST)] * 2,
-        options={"xatol": 2e-3, "fatol": 1e-3, "initial_simplex": [(0, 0), (0.3, 0), (0, 0.3)]},
-    )
-    return float(found.fun)
 
 
 def judged(
@@ -289,6 +268,15 @@ def lines(name: str, figures: dict[str, list[dict[str, Any]]]) -> list[str]:
     if CONDITIONS[name].is_bowed:
         rows.append(f"{name + ' no mean':<22}{errors('rmse_mean_removed_um')}")
     return rows
+
+
+def chosen(names: str | None) -> Sequence[str]:
+    """Names of conditions, from a list with commas; all but ``NAMED_ONLY`` if None."""
+    wished = [name for name in CONDITIONS if name not in NAMED_ONLY] if names is None else names.split(",")
+    unknown = [name for name in wished if name not in CONDITIONS]
+    if unknown:
+        raise SystemExit(f"no such condition: {', '.join(unknown)}; there are {', '.join(CONDITIONS)}")
+    return wished
 
 
 def options_of(settings: list[str]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from cli.console import Console, about
 from cli.options import config_options, device_option, integer, json_option, number
 from cli.parts_progress import QUIET_S, parts_progress
 from warp_caustics.device import start_device
-from warp_caustics.errors import EXIT_BUG, EXIT_INTERRUPTED, InputError
+from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import PhotonConfig
@@ -144,6 +144,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
         )
         return EXIT_INTERRUPTED
 
+    from cli.cells import failure_reasons, worst_code
     from cli.comparison.about import about_comparison
     from cli.comparison.page import write_page
     from nets.evaluation.table import summary, table_rows, write_tables
@@ -162,8 +163,8 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
         {"output": output, "cells": len(records), "computed": progress.done, "failed": len(failed), "rows": rows}
     )
     if failed:
-        console.warn(f"{len(failed)} of {len(records)} cells failed: {_reasons(failed)}")
-    return _worst_code(failed) if len(failed) == len(records) else 0
+        console.warn(f"{len(failed)} of {len(records)} cells failed: {failure_reasons(failed)}")
+    return worst_code(failed) if len(failed) == len(records) else 0
 
 
 class _Progress:
@@ -264,17 +265,3 @@ def _line(row: Mapping[str, Any]) -> str:
         f"{name:<40}  RMSE median {row['rmse_um_median']:8.4g} um, mean {row['rmse_um_mean']:8.4g} um, "
         f"{row['time_s_median']:6.3g} s, {row['done']} of {row['fields']} fields"
     )
-
-
-def _reasons(failed: list[dict[str, Any]]) -> str:
-    """One reason per method, the first."""
-    first: dict[str, str] = {}
-    for record in failed:
-        first.setdefault(record["method"], record["reason"])
-    return "; ".join(f"{method}: {reason}" for method, reason in first.items())
-
-
-def _worst_code(failed: list[dict[str, Any]]) -> int:
-    """A bug is worse than anything a person can mend; else the highest code."""
-    codes = {int(record["exit_code"]) for record in failed}
-    return EXIT_BUG if EXIT_BUG in codes else max(codes)

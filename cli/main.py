@@ -21,6 +21,7 @@ COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
     "inspect": "cli.inspect:inspect",
     "compare": "cli.compare:compare",
+    "bench": "cli.bench:bench",
     "plan": "cli.plan:plan",
     "simulate": "cli.simulate:simulate",
     "capture": "cli.capture:capture",

@@ -50,8 +50,8 @@ class DatasetConfig(Strict):
     kind: Kind
     n_samples: Annotated[int, Field(ge=1, le=MAX_SAMPLES)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    role: Role = "data"
-    """Samples of different roles share neither reliefs nor photons."""
+    role: Role | Literal["bench"] = "data"
+    """Samples of different roles share neither reliefs nor photons; ``bench`` is the test bench's own."""
     samples_per_shard: Annotated[int, Field(ge=1, le=4096)] = 32
     """Samples in one file, the unit of work."""
     scene: Scene = Scene()

@@ -50,6 +50,8 @@ RUN = [
     ),
     (r"nsfc capture ", {}, SMALL),
     (r"nsfc inspect ", None, "needs a network or minutes; tests/cli/inspection runs small ones"),
+    (r"nsfc bench list", {}, ()),
+    (r"nsfc bench ", None, "millions of photons per case; tests/cli/test_bench.py runs small ones"),
     (r"nsfc compare ", None, "minutes; tests/cli/test_compare.py runs small ones"),
     (r"nsfc train ", None, "minutes to hours; tests/cli/test_train.py runs small ones"),
     (r"nsfc search ", None, "minutes to hours; tests/cli/test_search.py runs small ones"),

@@ -4,7 +4,7 @@ import hashlib
 import json
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,16 @@ FORMAT = 1
 """Raised whenever cells of an earlier version of this package must not be used."""
 
 
+Scoring = Callable[[Scene, int, str], Callable[[Reconstruction, Field], Mapping[str, Any]]]
+"""Of scene, light paths and device: what scores a result of a field."""
+
+
+def image_scores(scene: Scene, n_photons: int, device: str) -> Callable[[Reconstruction, Field], Mapping[str, Any]]:
+    """Scores of ``nsfc compare``: see :class:`nets.evaluation.scores.Scorer`."""
+    scorer = Scorer(scene, n_photons, device)
+    return lambda result, field: scorer(result.heights_m, field)
+
+
 @dataclass(frozen=True)
 class Cell:
     """What is to be computed.
@@ -56,9 +66,15 @@ class Cell:
 
 
 def cell_key(
-    spec: MethodSpec, budget: str, content: Mapping[str, Any], scene: Scene, n_photons: int, device: str
+    spec: MethodSpec,
+    budget: str,
+    content: Mapping[str, Any],
+    scene: Scene,
+    n_photons: int,
+    device: str,
+    scoring: Scoring = image_scores,
 ) -> str:
-    """Hash of field, scene, method, settings, the files these name, code, and the kind of device."""
+    """Hash of field, scene, method, settings, the files these name, code, the kind of device, and what is scored."""
     stages = [
         {"name": stage.name, "options": [[key, repr(value), _file_hash(value)] for key, value in stage.options]}
         for stage in spec.limited(budget).stages
@@ -73,6 +89,8 @@ def cell_key(
         # Methods choose image sizes by it, and times of different devices are no comparison.
         "device": usable_device(device).type,
     }
+    if scoring is not image_scores:
+        everything["scoring"] = scoring.__name__
     return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()[:32]
 
 
@@ -115,12 +133,21 @@ class Bench:
         n_photons: light paths of images simulated for scoring.
         device: where methods compute.
         store: where results go.
+        scoring: makes what scores them.
     """
 
-    def __init__(self, fields: Mapping[str, Field], scene: Scene, n_photons: int, device: str, store: CellStore):
+    def __init__(
+        self,
+        fields: Mapping[str, Field],
+        scene: Scene,
+        n_photons: int,
+        device: str,
+        store: CellStore,
+        scoring: Scoring = image_scores,
+    ):
         self.fields, self.scene, self.device, self.store = fields, scene, device, store
         warm_up(scene, device)
-        self.score = Scorer(scene, n_photons, device)
+        self.score = scoring(scene, n_photons, device)
 
     def run(self, cell: Cell) -> dict[str, Any]:
         """Compute and keep a cell. A method that fails gives a record that says why and is not kept.
@@ -148,7 +175,7 @@ class Bench:
             "budget": cell.budget,
             "status": "done",
             "iterations": len(result.history),
-            "scores": self.score(result.heights_m, field),
+            "scores": self.score(result, field),
             "time_s": meter.seconds,
             "peak_memory_MB": meter.peak_bytes / 1e6,
             "stop_reason": result.stop_reason,

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from data_gen.dataset_config import PhotonConfig
-from nets.evaluation.cells import Bench, Cell, CellStore, cell_key
+from nets.evaluation.cells import Bench, Cell, CellStore, Scoring, cell_key, image_scores
 from nets.evaluation.fields import Field
 from nets.evaluation.method_spec import MethodSpec
 from warp_caustics.device import start_device
@@ -32,6 +32,7 @@ class Setup:
         photons: of the images that methods get; scoring takes as many, on a lattice.
         device: where methods compute.
         store: where results go.
+        scoring: makes what scores them.
     """
 
     fields: Mapping[str, Field]
@@ -39,6 +40,7 @@ class Setup:
     photons: PhotonConfig
     device: str
     store: CellStore
+    scoring: Scoring = image_scores
 
     @property
     def n_photons(self) -> int:
@@ -48,7 +50,7 @@ class Setup:
 
     def bench(self) -> Bench:
         """Ready to compute."""
-        return Bench(self.fields, self.scene, self.n_photons, self.device, self.store)
+        return Bench(self.fields, self.scene, self.n_photons, self.device, self.store, self.scoring)
 
     def cells(self, specs: Sequence[MethodSpec], budgets: Sequence[str]) -> list[Cell]:
         """All cells, field by field, so that an early end leaves whole fields."""
@@ -57,7 +59,7 @@ class Setup:
             content = field.content()
             for spec in specs:
                 for budget in spec.budgets(budgets):
-                    key = cell_key(spec, budget, content, self.scene, self.n_photons, self.device)
+                    key = cell_key(spec, budget, content, self.scene, self.n_photons, self.device, self.scoring)
                     found.append(Cell(field.name, spec, budget, key))
         return found
 

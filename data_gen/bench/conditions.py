@@ -1,15 +1,17 @@
 """Ways in which bench, camera or print are not what a reconstruction expects, by name.
 
 What a camera does is written here a second time, on purpose: a network that was trained with ``nets.training.camera``
-must not be judged by the same resampling and the same noise.
+must not be judged by the same resampling and the same noise. ``benchmarks.robustness`` and the suite ``one-thing``
+share these conditions.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
+
+from warp_caustics.types import FloatArray
 
 ImageArray = npt.NDArray[np.float32]
 
@@ -22,7 +24,7 @@ class Condition:
     """What is wrong, in the order in which light meets it; the default is the test fields' bench.
 
     Attributes:
-        relief: how the strokes are printed, a name in ``odd_prints.PRINTS``.
+        relief: how the strokes are printed, ``plain``, or a name that ``odd_prints.printed`` takes.
         uneven: light at the rim, in a random direction, relative to the middle and less 1.
         ambient: light that is not from the lamp, relative to a flat plate's.
         apart_px: how far channels are moved, each in its own random direction [px].
@@ -92,13 +94,10 @@ CONDITIONS: dict[str, Condition] = {
     "opposite-0.1": Condition(apart_px=0.1, is_opposite=True),
     "opposite-0.3": Condition(apart_px=0.3, is_opposite=True),
 }
-"""By name; one thing wrong at a time, then a plausible camera, and last those that are only run when named."""
-
-NAMED_ONLY = ("opposite-0.1", "opposite-0.3")
-"""The worst directions of ``apart``, for comparison with figures of others; left out of a run of all conditions."""
+"""By name; one thing wrong at a time, a plausible camera, and the worst directions in which channels lie apart."""
 
 
-def seen(image: ImageArray, condition: Condition, light_angle: float, white: ImageArray) -> ImageArray:
+def seen(image: ImageArray, condition: Condition, light_angle: float, white: FloatArray) -> ImageArray:
     """The image as it is measured; what moves channels or changes the print was simulated before.
 
     Args:
@@ -153,12 +152,3 @@ def mixing_matrix(channels: int, share: float) -> ImageArray:
     """Signals of light: each channel takes a share of each neighbour's light instead of its own, shape [n_w, n_w]."""
     others = share * (np.eye(channels, k=1) + np.eye(channels, k=-1))
     return np.asarray(others + np.diag(1 - others.sum(axis=1)), np.float32)
-
-
-def chosen(names: str | None) -> Sequence[str]:
-    """Names of conditions, from a list with commas; all but ``NAMED_ONLY`` if None."""
-    wished = [name for name in CONDITIONS if name not in NAMED_ONLY] if names is None else names.split(",")
-    unknown = [name for name in wished if name not in CONDITIONS]
-    if unknown:
-        raise SystemExit(f"no such condition: {', '.join(unknown)}; there are {', '.join(CONDITIONS)}")
-    return wished

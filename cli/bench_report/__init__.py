@@ -1,0 +1,1 @@
+"""Page of a run of the test bench: tables and pictures."""

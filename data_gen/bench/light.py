@@ -1,0 +1,129 @@
+"""Truth and light of a case: what was printed, and the irradiance on its screen, without a camera.
+
+Truth is made on the CPU wherever images are simulated, so that everybody is scored against the same bits.
+"""
+
+from collections import OrderedDict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from data_gen.bench.case import Case
+from data_gen.bench.odd_prints import printed
+from data_gen.dataset_config import PhotonConfig, sample_seed
+from data_gen.samples import Reliefs
+from warp_caustics.height_field import cell_centres
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
+
+ImageArray = npt.NDArray[np.float32]
+
+REMEMBERED = 8
+"""Simulators kept: of one bench, with one for each wavelength and those of its flat plate."""
+
+
+def true_heights(case: Case) -> FloatArray:
+    """What was printed, its base's bow included [m], float64, shape [n, n]."""
+    plate, scene = case.plate, case.plate.config.scene
+    reliefs = Reliefs(plate.config, "cpu", plate.fingerprint)
+    if case.condition.relief == "plain":
+        heights = reliefs.true([plate.number])[0].double().numpy()
+    else:
+        strokes = [reliefs.strokes(plate.number)]
+        heights = printed(case.condition.relief, strokes, scene, plate.config.reliefs, "cpu")[0]
+    if plate.bow_m:
+        x, y = (cell_centres(scene.height_samples, length) for length in scene.plate_size_m)
+        heights = heights + 4 * plate.bow_m / max(scene.plate_size_m) ** 2 * (x[None, :] ** 2 + y[:, None] ** 2)
+    return np.asarray(heights, np.float64)
+
+
+class Light:
+    """Irradiance of cases, from photons that no method uses.
+
+    Args:
+        device: where to simulate.
+        n_photons: per wavelength, in place of the cases' own; fewer to try.
+    """
+
+    def __init__(self, device: str, n_photons: int | None = None):
+        self.device, self.n_photons = device, n_photons
+        self._simulators: OrderedDict[str, CausticSimulator] = OrderedDict()
+
+    def behind_plate(self, case: Case, heights_m: FloatArray) -> ImageArray:
+        """Irradiance behind a relief [W/m^2], shape [n_w, m, m]; heights [m], shape [n, n]."""
+        photons = case.photons
+        if self.n_photons is not None:
+            photons = photons.model_copy(update={"n_photons": self.n_photons})
+        return self._channels(case, photons, heights_m)
+
+    def behind_flat(self, case: Case) -> ImageArray:
+        """The same without relief, without photon noise."""
+        flat = np.zeros((case.scene.height_samples,) * 2)
+        return self._channels(case, PhotonConfig(), flat)
+
+    def _channels(self, case: Case, photons: PhotonConfig, heights_m: FloatArray) -> ImageArray:
+        images = [self._shot(scene, photons, case, heights_m) for scene in channel_scenes(case)]
+        return np.concatenate(images)
+
+    def _shot(self, scene: Scene, photons: PhotonConfig, case: Case, heights_m: FloatArray) -> ImageArray:
+        simulator = self._simulator(scene, photons)
+        # Of random placements; a lattice has no seed. The purpose is the test fields' own.
+        simulator.reseed(sample_seed(case.plate.fingerprint, "photons/test", case.plate.number))
+        with torch.no_grad():
+            heights = torch.tensor(heights_m, dtype=torch.float32, device=simulator.device)
+            return np.asarray(simulator(heights).cpu().numpy(), np.float32)
+
+    def _simulator(self, scene: Scene, photons: PhotonConfig) -> CausticSimulator:
+        key = f"{scene.model_dump_json()}{photons.model_dump_json()}"
+        if key not in self._simulators:
+            self._simulators[key] = CausticSimulator(scene, device=self.device, **photons.model_dump())
+            while len(self._simulators) > REMEMBERED:
+                self._simulators.popitem(last=False)
+        self._simulators.move_to_end(key)
+        return self._simulators[key]
+
+
+def channel_scenes(case: Case) -> list[Scene]:
+    """Scenes whose images, one after another, are those of the case's wavelengths.
+
+    One scene if all wavelengths share screen and glass; otherwise one for each. Channels that lie apart come from a
+    screen that is moved sideways, so that nothing is resampled; a glass of another index has its own at each
+    wavelength.
+    """
+    scene, moves = case.scene, channel_moves(case)
+    if not case.index_offset and not moves.any():
+        return [scene]
+    x, y, z = scene.screen_position_m
+    size_x, size_y = scene.pixel_size_m
+    found = []
+    for channel, (along_x, along_y) in enumerate(moves.tolist()):
+        changed: dict[str, Any] = {
+            "wavelengths_m": (scene.wavelengths_m[channel],),
+            "radiosity_W_m2": (scene.radiosity_W_m2[channel],),
+            "screen_position_m": (x + along_x * size_x, y + along_y * size_y, z),
+        }
+        if case.index_offset:
+            changed["glass"] = scene.glass_indices[channel] + case.index_offset
+        found.append(Scene.model_validate(scene.model_dump() | changed))
+    return found
+
+
+def channel_moves(case: Case) -> FloatArray:
+    """Where the screen of each wavelength is moved to by the case's condition [px], shape [n_w, 2]."""
+    condition, count = case.condition, case.scene.n_wavelengths
+    moves = np.zeros((count, 2))
+    if condition.apart_px:
+        angles = bench_angles(case)
+        for channel in condition.moved:
+            is_turned = condition.is_opposite and channel == condition.moved[-1]
+            angle = angles[condition.moved[0]] + np.pi if is_turned else angles[channel]
+            moves[channel] = condition.apart_px * np.cos(angle), condition.apart_px * np.sin(angle)
+    return moves
+
+
+def bench_angles(case: Case) -> FloatArray:
+    """Towards which a plate's channels move, then towards which its light grows [rad], shape [n_w + 1]."""
+    return case.plate.rng("robustness").uniform(0, 2 * np.pi, case.scene.n_wavelengths + 1)

@@ -1,0 +1,72 @@
+"""How good a relief is on a bench that is not as told."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from nets.evaluation.alignment import aligned_rmse_um
+from nets.evaluation.fields import Field
+from warp_caustics.metrics import height_errors
+from warp_caustics.reconstruct.base import Reconstruction
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+BENCH_SCORES = {
+    "rmse_um": "relief RMSE [um]",
+    "rmse_aligned_um": "RMSE after the best move sideways [um]",
+    "rmse_mean_removed_um": "RMSE without the mean [um]",
+    "slope_error": "RMS slope error [1]",
+    "within_one": "share within one standard uncertainty",
+    "within_two": "share within two",
+    "flat_um": "RMSE of a flat guess [um]",
+}
+"""Numbers of a case, and what they are."""
+
+
+def relief_scores(
+    found_m: FloatArray, true_m: FloatArray, plate_size_m: tuple[float, float], uncertainty_m: FloatArray | None = None
+) -> dict[str, float | None]:
+    """All :data:`BENCH_SCORES`.
+
+    Args:
+        found_m: recovered relief [m], shape [n, n].
+        true_m: true relief [m], same shape.
+        plate_size_m: extent along x and y [m].
+        uncertainty_m: standard uncertainty [m], same shape; without one nothing is said to be covered.
+    """
+    found, true = found_m.astype(np.float64), true_m.astype(np.float64)
+    errors = height_errors(found, true, plate_size_m)
+    scores: dict[str, float | None] = {
+        "rmse_um": errors["rmse_um"],
+        "rmse_aligned_um": min(aligned_rmse_um(found, true), errors["rmse_um"]),
+        "rmse_mean_removed_um": errors["rmse_mean_removed_um"],
+        "slope_error": errors["rmse_slope"],
+        "within_one": None,
+        "within_two": None,
+        "flat_um": errors["reference_rms_um"],
+    }
+    if uncertainty_m is not None:
+        for name, factor in (("within_one", 1), ("within_two", 2)):
+            scores[name] = float(np.mean(np.abs(found - true) <= factor * uncertainty_m.astype(np.float64)))
+    return scores
+
+
+def bench_scores(scene: Scene, n_photons: int, device: str) -> Callable[[Reconstruction, Field], Mapping[str, Any]]:
+    """What scores results of cases; light paths and device do not matter to it.
+
+    The scores are :data:`BENCH_SCORES`; ``warned``, whether the result carries a warning; ``trust``, the line of that
+    name, and ``explained``, whether it says that the image is explained; None where the method does not tell.
+    """
+
+    def scores(result: Reconstruction, field: Field) -> dict[str, Any]:
+        numbers = relief_scores(result.heights_m, field.heights_m, scene.plate_size_m, result.uncertainty_m)
+        trust = result.trust
+        return {
+            **numbers,
+            "warned": bool(result.warnings),
+            "explained": None if trust is None else trust.is_explained,
+            "trust": None if trust is None else trust.line,
+        }
+
+    return scores

@@ -1,0 +1,94 @@
+"""Stored figures of the test bench, and the tables of its page."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks.bench import FIGURES, PAGE, collect, method_cells, stored, table, titles, with_tables
+from data_gen.bench.suites import SUITES, suite_cases
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(device="cpu", n_photons=None, plates=2, **others):
+    scores = {"rmse_um": 12.34567, "rmse_aligned_um": 11.0, "slope_error": 0.1, "within_one": 0.5, "within_two": 0.9}
+    row = {
+        "row": "careful",
+        "method": "direct",
+        "status": "done",
+        "warned": True,
+        "explained": False,
+        "time_s": 1.0,
+        "reason": None,
+    }
+    row |= scores | {"flat_um": 300.0} | others
+    about = {"suite": "lab", "device": device, "n_photons": n_photons, "code": "c" * 64}
+    return {"about": about, "rows": [row | {"case": f"careful_{k}"} for k in range(plates)]}
+
+
+def test_the_page_shows_what_is_stored():
+    """`make bench-lab`, or python -m benchmarks.bench, makes them the same again."""
+    text = PAGE.read_text(encoding="utf-8")
+    assert with_tables(text, stored()) == text
+
+
+def test_what_is_stored_is_of_cases_that_there_are():
+    tree = stored()
+    assert set(tree["suites"]) <= set(SUITES)
+    for suite, methods in tree["suites"].items():
+        plates = SUITES[suite].plates
+        for method, rows in methods.items():
+            assert set(rows) <= set(titles(suite)), method
+            for row in rows.values():
+                assert all(0 <= plate < plates for plate in row["plates"]) and row["device"]
+                assert {len(row[name]) for name in FIGURES} == {row["done"]}
+
+
+def test_the_page_counts_the_suites():
+    text = PAGE.read_text(encoding="utf-8")
+    counts = {name: (len({case.row for case in suite_cases(name)}), SUITES[name].plates) for name in SUITES}
+    assert f"| `one-thing` | {counts['one-thing'][0]} rows of {counts['one-thing'][1]} plates |" in text
+    assert f"| `prints` | {counts['prints'][0]} rows of {counts['prints'][1]} plates |" in text
+    assert f"| `lab` | {counts['lab'][0]} benches of {counts['lab'][1]} plates |" in text
+    assert f"| `ideal` | {counts['ideal'][1]} |" in text
+    assert set(re.findall(r"^SUITES := (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)) == {
+        " ".join(SUITES)
+    }
+
+
+def test_rows_of_more_plates_stay():
+    tree = {"suites": {}}
+    weights = {"direct": "01234567"}
+    collect(tree, run(plates=3), weights)
+    collect(tree, run(plates=2, rmse_um=1.0), weights)
+    found = tree["suites"]["lab"]["direct"]["careful"]
+    assert found["plates"] == [0, 1, 2] and found["rmse_um"] == [12.3457] * 3
+    collect(tree, run(plates=3, rmse_um=1.0), weights)
+    assert tree["suites"]["lab"]["direct"]["careful"]["rmse_um"] == [1.0] * 3
+    assert tree["weights"] == weights
+    lines = table(tree, "lab")
+    assert lines[0] == "| what differs | flat guess | `direct` | aligned | within 1, 2 u | warned | explained |"
+    assert lines[2].endswith("| 300 | 1.0 | 11.0 | 50, 90 % | 3 of 3 | 0 of 3 |")
+    assert lines[3].endswith("|  | to come |  |  |  |  |")
+
+
+def test_trials_and_given_heights_are_not_stored():
+    for wrong in (run(n_photons=1000), run(device=None)):
+        with pytest.raises(SystemExit, match="are not stored"):
+            collect({"suites": {}}, wrong, {})
+
+
+def test_cells_of_refusals_and_of_methods_without_uncertainty():
+    tree = {"suites": {}}
+    collect(tree, run(plates=1, status="failed", reason="another scene", warned=None, explained=None), {"direct": ""})
+    row = tree["suites"]["lab"]["direct"]["careful"]
+    assert row["reasons"] == ["another scene"] and method_cells(row)[0] == "refused"
+    collect(tree, run(plates=2, within_one=None, within_two=None, warned=False, explained=None), {"direct": ""})
+    assert method_cells(tree["suites"]["lab"]["direct"]["careful"]) == ["12.3", "11.0", "-", "0 of 2", "-"]
+
+
+def test_the_file_is_json_with_a_list_in_a_line():
+    text = (ROOT / "benchmarks" / "bench.json").read_text(encoding="utf-8")
+    assert json.loads(text)["suites"] and not re.search(r"\[\s*\n", text)

@@ -1,0 +1,10 @@
+"""Small cases: few light paths, otherwise as they are."""
+
+import pytest
+
+from data_gen.bench.light import Light
+
+
+@pytest.fixture(scope="session")
+def light():
+    return Light("cpu", 50_000)
