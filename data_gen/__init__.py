@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from warp_caustics.front_door import front_door
 
 if TYPE_CHECKING:
+    from data_gen.bench_ranges import BenchRanges as BenchRanges
+    from data_gen.benches.bench_set import Benches as Benches
     from data_gen.config import PictureConfig as PictureConfig
     from data_gen.config import RasterConfig as RasterConfig
     from data_gen.config import ReliefConfig as ReliefConfig
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from data_gen.testset import field_images as field_images
 
 _HOMES = {
+    "BenchRanges": "data_gen.bench_ranges",
+    "Benches": "data_gen.benches.bench_set",
     "CausticDataset": "data_gen.store.reader",
     "DEVELOPMENT_FIELDS": "data_gen.testset",
     "DatasetConfig": "data_gen.dataset_config",

@@ -257,8 +257,8 @@ class BenchRanges(Strict):
         away = ranges.shift_px[1] + ranges.colours_apart_px[1]
         if away > MOST_SHIFT * pixels:
             raise ValueError(
-                f"camera.shift_px and camera.colours_apart_px: the camera sees nothing of parts of the window, displaced "
-                f"by up to {away:g} of {pixels} px; give at most {MOST_SHIFT * pixels:g} together"
+                "camera.shift_px and camera.colours_apart_px: the camera sees nothing of parts of the window, "
+                f"displaced by up to {away:g} of {pixels} px; give at most {MOST_SHIFT * pixels:g} together"
             )
         psf = ranges.psf_px[1] * (1 + ranges.psf_apart[1])
         if psf > pixels / 16:
@@ -294,7 +294,9 @@ class BenchRanges(Strict):
         if sensor.calibration_frames[0] < 1:
             raise ValueError("camera.sensor.calibration_frames: 0 frames are none; give at least 1")
         if sensor.noise[1] > 0.5:
-            raise ValueError(f"camera.sensor.noise: {sensor.noise[1]:g} of flat light hides a caustic; give at most 0.5")
+            raise ValueError(
+                f"camera.sensor.noise: {sensor.noise[1]:g} of flat light hides a caustic; give at most 0.5"
+            )
 
 
 def nominal_lamp_rad(scene: Scene) -> float:

@@ -1,4 +1,4 @@
-"""What the cameras of many benches show of the light on their screens: photos, brought to irradiance as a bench does."""
+"""Photos: what the cameras of many benches show of the light on their screens, brought to irradiance."""
 
 import math
 
@@ -81,9 +81,7 @@ def sensor_limits_of(ranges: CameraRanges) -> SensorLimits:
 def sensors_of(benches: BenchBatch, device: torch.device) -> Sensors:
     """Sensors of the benches."""
     exposure = benches.of("exposure")
-    full, read = electrons_of(
-        benches.of("noise"), np.minimum(benches.of("read_share"), MOST_READ_SHARE), exposure
-    )
+    full, read = electrons_of(benches.of("noise"), np.minimum(benches.of("read_share"), MOST_READ_SHARE), exposure)
     numbers = [
         exposure, full, read, benches.of("calibration_frames"), benches.of("black_level"), 2 ** benches.of("bits") - 1,
         benches.of("speckle_contrast"), benches.of("dust_grains"), benches.of("fresh_dust_grains"),
