@@ -22,6 +22,14 @@ from warp_caustics.simulator import CausticSimulator
 ROOT = Path(__file__).parents[1]
 
 
+def host_ms(call: Callable[[], Any], calls: int) -> float:
+    """Processor time of one of several calls that only the host works on [ms]."""
+    call()
+    started = time.process_time()
+    call()
+    return 1e3 * (time.process_time() - started) / calls
+
+
 def seconds(call: Callable[[], Any], device: str, repeats: int) -> float:
     """Mean time of a call, after one that compiles and plans."""
 
@@ -67,9 +75,7 @@ def measured(
         benches.images(reliefs.true(numbers), benches.draw(numbers))
 
     parts = {
-        "draw benches": lambda: benches.draw(ids),
-        "draw strokes and print": lambda: reliefs.true(ids),
-        "scenes": lambda: benches.scenes(drawn),
+        "strokes and print": lambda: reliefs.true(ids),
         "light on screens": lambda: benches.light(heights, drawn),
         "light behind flat plates": lambda: benches._flats(scenes, drawn),
         "cameras": lambda: (
@@ -82,15 +88,21 @@ def measured(
         ),
     }
     times = {name: 1e3 * seconds(call, device, repeats) / batch for name, call in parts.items()}
-    # What the host does for one scene: structs and launches, no device waited for.
-    times["host: an engine for a scene"] = 1e3 * seconds(lambda: [engine.on(one) for _ in range(20)], "cpu", 2) / 20
-    simulator = 1e3 * seconds(lambda: CausticSimulator(one, device=device, n_photons=photons), device, repeats)
-    times["host: a simulator for a scene, as before"] = simulator
+    host = {
+        "draw benches": host_ms(lambda: benches.draw(ids), batch),
+        "draw strokes": host_ms(lambda: [reliefs.kinds[benches.kinds.number(k)].strokes(k) for k in ids], batch),
+        "scenes": host_ms(lambda: benches.scenes(drawn), batch),
+        "an engine for a scene": host_ms(lambda: [engine.on(scene) for scene in scenes], batch),
+        "a simulator for a scene instead": host_ms(
+            lambda: [CausticSimulator(one, device=device, n_photons=photons) for _ in range(3)], 3
+        ),
+    }
     whole = seconds(fresh, device, repeats) / batch
     name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "cpu"
     return {
         "bench": bench, "device": name, "pixels": pixels, "batch": batch, "photons": photons,
         "ms_per_sample": {key: round(value, 3) for key, value in times.items()},
+        "host_ms_per_sample": {key: round(value, 3) for key, value in host.items()},
         "samples_per_s": round(1 / whole, 2),
     }  # fmt: skip
 
