@@ -356,11 +356,16 @@ def bench_scene(
         lamp_x, lamp_y = (
             at - lamp_distance_m * math.tan(tilt) for at, tilt in zip(centre, (tilt_x_rad, tilt_y_rad), strict=True)
         )
-        width, length = scene.plate_size_m
-        reach = math.hypot(width / 2 + abs(lamp_x), length / 2 + abs(lamp_y))
-        cone = math.atan(CONE_MARGIN * reach / lamp_distance_m) if lamp_distance_m > 0 else 0.1
+        if scene.is_collimated:
+            width, length = scene.plate_size_m
+            lit = CONE_MARGIN * math.hypot(width / 2 + abs(lamp_x), length / 2 + abs(lamp_y))
+        else:
+            # A source that is moved lights what the scene's does.
+            moved = math.hypot(lamp_x - centre[0], lamp_y - centre[1])
+            lit = scene.light_distance_m * math.tan(scene.emission_half_angle_rad) + moved
+        cone = math.atan(lit / lamp_distance_m) if lamp_distance_m > 0 else scene.emission_half_angle_rad
         tree |= {
-            "emission_half_angle_rad": max(cone, scene.emission_half_angle_rad),
+            "emission_half_angle_rad": cone,
             "light_position_m": (lamp_x, lamp_y, base_thickness_m + lamp_distance_m),
             "light_tilt_rad": (0.0, 0.0),
             "lamp_half_angle_rad": 0.0,

@@ -126,6 +126,29 @@ def test_a_bench_with_everything_off_is_the_simulator():
     torch.testing.assert_close(sampler.benches.light(heights, sampler.benches.draw([3])), light, rtol=0, atol=0)
 
 
+@pytest.mark.parametrize("angle", [0.05, 0.01])
+def test_a_scene_with_a_point_source_keeps_it(angle):
+    """Off the plate's centre, of its own size, and where it lights a part of the plate alone."""
+    scene = SCENE.model_copy(
+        update={
+            "emission_half_angle_rad": angle,
+            "light_position_m": (0.01, -0.005, 0.8),
+            "lamp_radius_m": 2e-3,
+            "screen_position_m": (1e-3, 0.0, -1e-3),
+        }
+    )
+    benches = Benches(config(BenchRanges(), scene=scene), "f")
+    drawn, heights = benches.draw([0]), 1e-4 * torch.rand(1, 16, 16, generator=torch.Generator().manual_seed(2))
+    assert drawn.of("is_point_source")[0] == 1 and drawn.of("lamp_distance_m")[0] == pytest.approx(0.797)
+    wanted = CausticSimulator(scene, **benches.config.clean.model_dump())(heights)
+    torch.testing.assert_close(benches.light(heights, drawn), wanted, rtol=2e-3, atol=2e-3)
+    nearer = BenchRanges.model_validate({"set_up": {"lamp_distance_m": (0.4, 0.5), "tilt_rad": (0, 0.01)}})
+    for bench in Benches(config(nearer, scene=scene), "f").scenes(
+        Benches(config(nearer, scene=scene), "f").draw([1, 2])
+    ):
+        assert 0.4 <= bench.light_distance_m <= 0.5 and not bench.is_collimated
+
+
 def test_the_camera_is_that_of_nsfc_simulate():
     """The same numbers as a CameraConfig: what the channels show without noise agrees, but for where a PSF is cut."""
     benches = Benches(config())
