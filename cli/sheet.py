@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cli.figures import new_figure, rgb_composite, white_level
+from data_gen.benches.words import bench_lines
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path
 from warp_caustics.scene import Scene
@@ -76,26 +77,6 @@ def sheet_figure(rows: Sequence[Mapping[str, npt.NDArray[Any]]], scene: Scene) -
             if line == 0:
                 axes.set_title(_TITLES[name], fontsize=9)
     return figure
-
-
-def bench_lines(record: Mapping[str, float]) -> list[str]:
-    """A bench in a few lines, from its named numbers."""
-    light = "collimated" if not record["is_point_source"] else f"lamp at {record['lamp_distance_m']:.2g} m"
-    taken = "frames taken" if record["is_calibrated"] else "no frames"
-    apart = max(
-        np.hypot(record[f"colour_shift_x_px_{k}"], record[f"colour_shift_y_px_{k}"])
-        for k in range(sum(name.startswith("psf_px_") for name in record))
-    )
-    return [
-        f"gap {record['gap_m'] * 1e6:.0f} um, base {record['base_thickness_m'] * 1e3:.3f} mm",
-        f"index {record['index_offset']:+.4f}, {light}",
-        f"lamp {np.degrees(record['lamp_half_angle_rad']):.2f}, "
-        f"aside {np.degrees(np.hypot(record['tilt_x_rad'], record['tilt_y_rad'])):.2f} degrees",
-        f"PSF {record['psf_px_0']:.2f} px, colours {apart:.2f} px apart",
-        f"ambient {record['ambient']:.1%}, mixing {record['mixing']:.1%}",
-        f"noise {record['noise']:.1%}, speckle {record['speckle_contrast']:.1%}",
-        f"{'mosaic, ' if record['has_mosaic'] else ''}{record['bits']:.0f} bits, {taken}",
-    ]
 
 
 def _show(figure: Figure, axes: Axes, name: str, array: npt.NDArray[Any], scene: Scene, white: float) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from warp_caustics.front_door import front_door
 
 if TYPE_CHECKING:
+    from data_gen.bench_ranges import BenchRanges as BenchRanges
+    from data_gen.benches.bench_set import Benches as Benches
     from data_gen.config import CurvesConfig as CurvesConfig
     from data_gen.config import DropsConfig as DropsConfig
     from data_gen.config import MeandersConfig as MeandersConfig
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
     from data_gen.testset import field_images as field_images
 
 _HOMES = {
+    "BenchRanges": "data_gen.bench_ranges",
+    "Benches": "data_gen.benches.bench_set",
     "CausticDataset": "data_gen.store.reader",
     "CurvesConfig": "data_gen.config",
     "DEVELOPMENT_FIELDS": "data_gen.testset",

@@ -206,19 +206,19 @@ class BenchRanges(Strict):
         gap = -scene.screen_position_m[2]
         if gap + ranges.gap_offset_m[0] < 0:
             raise ValueError(
-                f"set_up.gap_offset_m: {ranges.gap_offset_m[0]:g} m puts the screen inside the plate, the gap is "
+                f"bench.set_up.gap_offset_m: {ranges.gap_offset_m[0]:g} m puts the screen inside the plate, the gap is "
                 f"{gap:g} m; give at least {-gap:g}"
             )
         base = scene.base_thickness_m
         if base + ranges.base_offset_m[0] <= 0:
             raise ValueError(
-                f"set_up.base_offset_m: {ranges.base_offset_m[0]:g} m leaves nothing of a base of {base:g} m; "
+                f"bench.set_up.base_offset_m: {ranges.base_offset_m[0]:g} m leaves nothing of a base of {base:g} m; "
                 f"give more than {-base:g}"
             )
         if ranges.point_share and scene.is_collimated and ranges.lamp_distance_m is None:
             raise ValueError(
-                f"set_up.point_share {ranges.point_share:g} of the samples have a point source, and the scene's light "
-                "is collimated; give set_up.lamp_distance_m, for example [0.3, 3]"
+                f"bench.set_up.point_share {ranges.point_share:g} of the samples have a point source, and the scene's "
+                "light is collimated; give bench.set_up.lamp_distance_m, for example [0.3, 3]"
             )
         for is_point in self.set_up.kinds_of_light(scene):
             for end, words in enumerate(("lower ends", "upper ends")):
@@ -226,7 +226,7 @@ class BenchRanges(Strict):
                     bench_scene(scene, **self._extreme(scene, end, is_point))
                 except ValidationError as error:
                     raise ValueError(
-                        f"set_up at the {words} with the largest lamp and tilt: {validation_lines(error)[0]}"
+                        f"bench.set_up at the {words} with the largest lamp and tilt: {validation_lines(error)[0]}"
                     ) from error
 
     def _extreme(self, scene: Scene, end: int, is_point: bool) -> dict[str, float]:
@@ -251,20 +251,22 @@ class BenchRanges(Strict):
         ranges, sensor, pixels = self.camera, self.camera.sensor, scene.image_pixels
         if ranges.mosaic_share and scene.n_wavelengths != 3:
             raise ValueError(
-                f"camera.mosaic_share {ranges.mosaic_share:g} needs three wavelengths, the scene has "
+                f"bench.camera.mosaic_share {ranges.mosaic_share:g} needs three wavelengths, the scene has "
                 f"{scene.n_wavelengths}; set it to 0"
             )
         away = ranges.shift_px[1] + ranges.colours_apart_px[1]
         if away > MOST_SHIFT * pixels:
             raise ValueError(
-                f"camera.shift_px and camera.colours_apart_px: the camera sees nothing of parts of the window, displaced "
-                f"by up to {away:g} of {pixels} px; give at most {MOST_SHIFT * pixels:g} together"
+                "bench.camera.shift_px and colours_apart_px: the camera sees nothing of parts of the window, "
+                f"displaced by up to {away:g} of {pixels} px; give at most {MOST_SHIFT * pixels:g} together"
             )
         psf = ranges.psf_px[1] * (1 + ranges.psf_apart[1])
         if psf > pixels / 16:
-            raise ValueError(f"camera.psf_px: {psf:g} px is too wide for {pixels} px; give at most {pixels / 16:g}")
+            raise ValueError(
+                f"bench.camera.psf_px: {psf:g} px is too wide for {pixels} px; give at most {pixels / 16:g}"
+            )
         if ranges.box_px[1] > pixels / 4:
-            raise ValueError(f"camera.box_px: {ranges.box_px[1]:g} px is too wide; give at most {pixels / 4:g}")
+            raise ValueError(f"bench.camera.box_px: {ranges.box_px[1]:g} px is too wide; give at most {pixels / 4:g}")
         for name, (low, high), least, most in (
             ("magnification", ranges.magnification, 0.8, 1.25),
             ("turn_rad", ranges.turn_rad, -0.2, 0.2),
@@ -274,28 +276,28 @@ class BenchRanges(Strict):
             ("ambient", ranges.ambient, 0.0, 100.0),
         ):
             if low < least or high > most:
-                raise ValueError(f"camera.{name}: ({low:g}, {high:g}); give values from {least:g} to {most:g}")
+                raise ValueError(f"bench.camera.{name}: ({low:g}, {high:g}); give values from {least:g} to {most:g}")
         faint = ranges.gain[0] * (1 - ranges.mixing[1]) * (1 - 4 * ranges.unevenness[1])
         steps = sensor.exposure[0] * (2 ** sensor.bits[0] - 1) * max(faint, 0.0)
         if steps < LEAST_STEPS:
             raise ValueError(
-                f"the camera sees nothing: at the lower ends of camera.sensor.exposure, sensor.bits and gain a flat "
-                f"plate's light fills {steps:.2g} steps in the darkest corner (limit {LEAST_STEPS:g}); raise "
-                f"camera.sensor.exposure[0] above {sensor.exposure[0]:g}, or sensor.bits[0] above {sensor.bits[0]}, "
-                "or lower unevenness"
+                "the camera sees nothing: at the lower ends of exposure, bits and gain a flat plate's light fills "
+                f"{steps:.2g} steps in the darkest corner (limit {LEAST_STEPS:g}); raise "
+                f"bench.camera.sensor.exposure[0] above {sensor.exposure[0]:g}, or sensor.bits[0] above "
+                f"{sensor.bits[0]}, or lower unevenness"
             )
         bright = sensor.exposure[1] * ranges.gain[1] * (1 + ranges.ambient[1]) * (1 + 4 * ranges.unevenness[1])
         if bright + sensor.black_level[1] > 1:
             raise ValueError(
                 f"a flat plate saturates the camera: at the upper ends its light fills {bright:.3g} of full scale "
-                f"(limit {1 - sensor.black_level[1]:g}); lower camera.sensor.exposure[1] from {sensor.exposure[1]:g}, "
-                "a twentieth of full scale suits a caustic"
+                f"(limit {1 - sensor.black_level[1]:g}); lower bench.camera.sensor.exposure[1] from "
+                f"{sensor.exposure[1]:g}, a twentieth of full scale suits a caustic"
             )
         if sensor.calibration_frames[0] < 1:
-            raise ValueError("camera.sensor.calibration_frames: 0 frames are none; give at least 1")
+            raise ValueError("bench.camera.sensor.calibration_frames: 0 frames are none; give at least 1")
         if sensor.noise[1] > 0.5:
             raise ValueError(
-                f"camera.sensor.noise: {sensor.noise[1]:g} of flat light hides a caustic; give at most 0.5"
+                f"bench.camera.sensor.noise: {sensor.noise[1]:g} of flat light hides a caustic; give at most 0.5"
             )
 
 
@@ -354,11 +356,16 @@ def bench_scene(
         lamp_x, lamp_y = (
             at - lamp_distance_m * math.tan(tilt) for at, tilt in zip(centre, (tilt_x_rad, tilt_y_rad), strict=True)
         )
-        width, length = scene.plate_size_m
-        reach = math.hypot(width / 2 + abs(lamp_x), length / 2 + abs(lamp_y))
-        cone = math.atan(CONE_MARGIN * reach / lamp_distance_m) if lamp_distance_m > 0 else 0.1
+        if scene.is_collimated:
+            width, length = scene.plate_size_m
+            lit = CONE_MARGIN * math.hypot(width / 2 + abs(lamp_x), length / 2 + abs(lamp_y))
+        else:
+            # A source that is moved lights what the scene's does.
+            moved = math.hypot(lamp_x - centre[0], lamp_y - centre[1])
+            lit = scene.light_distance_m * math.tan(scene.emission_half_angle_rad) + moved
+        cone = math.atan(lit / lamp_distance_m) if lamp_distance_m > 0 else scene.emission_half_angle_rad
         tree |= {
-            "emission_half_angle_rad": max(cone, scene.emission_half_angle_rad),
+            "emission_half_angle_rad": cone,
             "light_position_m": (lamp_x, lamp_y, base_thickness_m + lamp_distance_m),
             "light_tilt_rad": (0.0, 0.0),
             "lamp_half_angle_rad": 0.0,

@@ -78,7 +78,7 @@ class DatasetConfig(Strict):
             raise ValueError(
                 "a data set of captures needs ranges of benches; give --bench ordinary, or data.bench"
                 if self.bench is None
-                else f"bench is for captures, this is a data set of the {self.kind}; build capture, or set bench to null"
+                else f"bench is for captures, this is a data set of the {self.kind}; build capture, or set it to null"
             )
         if self.bench is not None:
             self.bench.check(self.scene)
@@ -96,8 +96,8 @@ class DatasetConfig(Strict):
     def canonical(self) -> dict[str, Any]:
         """The configuration in plain types, with the generator's version.
 
-        Without ``reliefs.variety``, ``reliefs.making`` and ``bench`` where there is none, and later fields of the scene at their
-        defaults: data sets from before them keep their fingerprint.
+        Without ``reliefs.variety``, ``reliefs.making`` and ``bench`` where there is none, and later fields of the scene
+        at their defaults: data sets from before them keep their fingerprint.
         """
         tree = {"generator_version": GENERATOR_VERSION, **self.model_dump(mode="json"), "scene": self.scene.record()}
         for name in ("variety", "making"):

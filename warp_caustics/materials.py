@@ -11,6 +11,7 @@ in micrometres. Coefficients, with their sources:
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 from warp_caustics.errors import InputError
 
@@ -74,6 +75,7 @@ def melt_index(glass: str | float, wavelength_m: float, offset: float = 0.0, dis
     return index + offset + (dispersion_scale - 1) * (index - refractive_index(glass, REFERENCE_WAVELENGTH_M))
 
 
+@lru_cache(maxsize=1024)
 def refractive_index(glass: str | float, wavelength_m: float) -> float:
     """Refractive index of a medium.
 

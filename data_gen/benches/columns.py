@@ -126,9 +126,9 @@ class BenchBatch:
     def __getitem__(self, rows: slice | npt.NDArray[np.intp]) -> "BenchBatch":
         return BenchBatch(self.wavelengths, self.values[rows])
 
-    def of(self, name: str) -> FloatArray:
+    def of(self, name: str) -> npt.NDArray[np.float64]:
         """A column, shape [B]."""
-        column: FloatArray = self.values[:, _places(self.wavelengths)[name]]
+        column: npt.NDArray[np.float64] = self.values[:, _places(self.wavelengths)[name]]
         return column
 
     def channels(self, name: str) -> FloatArray:

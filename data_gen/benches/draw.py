@@ -27,34 +27,34 @@ class _Drawn:
     """Uniform numbers from 0 to 1, by what they are for; shape [B] each."""
 
     def __init__(self, values: FloatArray, names: tuple[str, ...]):
-        self._values = dict(zip(names, values.T, strict=False))
+        self._values: dict[str, FloatArray] = dict(zip(names, values.T, strict=False))
 
     def unit(self, name: str) -> FloatArray:
         return self._values[name]
 
     def uniform(self, name: str, interval: tuple[float, float]) -> FloatArray:
         low, high = interval
-        return low + (high - low) * self._values[name]
+        return np.asarray(low + (high - low) * self._values[name])
 
     def either_way(self, name: str, interval: tuple[float, float]) -> FloatArray:
         """As large as the interval says, with either sign."""
         signed = 2 * self._values[name] - 1
-        return np.copysign(interval[0] + (interval[1] - interval[0]) * np.abs(signed), signed)
+        return np.asarray(np.copysign(interval[0] + (interval[1] - interval[0]) * np.abs(signed), signed))
 
     def is_one(self, name: str, share: float) -> FloatArray:
         """1 for a share of the benches, else 0."""
-        return (self._values[name] < share).astype(np.float64)
+        return np.asarray(self._values[name] < share, dtype=np.float64)
 
     def whole(self, name: str, interval: tuple[int, int]) -> FloatArray:
         """Whole numbers, both ends included."""
         low, high = interval
-        return np.minimum(np.floor(low + (high - low + 1) * self._values[name]), high)
+        return np.asarray(np.minimum(np.floor(low + (high - low + 1) * self._values[name]), high))
 
     def logarithmic(self, name: str, interval: tuple[float, float]) -> FloatArray:
         """Uniform in its logarithm, from above 0."""
         low, high = interval
-        found: FloatArray = low * (high / low) ** self._values[name] if low > 0 else high * self._values[name]
-        return found
+        unit = self._values[name]
+        return np.asarray(low * (high / low) ** unit if low > 0 else high * unit)
 
     def vector(self, size: str, direction: str, interval: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
         """x and y of vectors of a length from an interval, in any direction."""
@@ -151,13 +151,12 @@ def _sensor(ranges: BenchRanges, drawn: _Drawn) -> dict[str, FloatArray]:
 
 def _channel(ranges: BenchRanges, drawn: _Drawn, psf_px: FloatArray, *, is_reference: bool) -> dict[str, FloatArray]:
     """Of one wavelength; the middle one keeps its place, as a displacement of all is the picture's."""
-    camera = ranges.camera
+    camera, still = ranges.camera, np.zeros(len(psf_px))
     apart_x, apart_y = drawn.vector("apart", "direction apart", camera.colours_apart_px)
-    moves = 0.0 if is_reference else 1.0
     return {
         "psf_px": psf_px * (1 + drawn.either_way("psf apart", camera.psf_apart)),
-        "colour_shift_x_px": moves * apart_x,
-        "colour_shift_y_px": moves * apart_y,
-        "colour_scale": moves * drawn.either_way("scale", camera.colour_scale),
+        "colour_shift_x_px": still if is_reference else apart_x,
+        "colour_shift_y_px": still if is_reference else apart_y,
+        "colour_scale": still if is_reference else drawn.either_way("scale", camera.colour_scale),
         "gain": drawn.uniform("gain", camera.gain),
     }

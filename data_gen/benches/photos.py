@@ -1,4 +1,4 @@
-"""What the cameras of many benches show of the light on their screens: photos, brought to irradiance as a bench does."""
+"""Photos: what the cameras of many benches show of the light on their screens, brought to irradiance."""
 
 import math
 

@@ -36,7 +36,7 @@ def column_ranges(directory: PathLike) -> dict[Column, tuple[float, float]]:
                 opened.close()
         except (OSError, RuntimeError, KeyError, DamagedDataError) as error:
             raise DamagedDataError(
-                f"{str(layout.shard(shard))!r} cannot be read ({reason(error)}); build again with a full check to repair"
+                f"{str(layout.shard(shard))!r} cannot be read ({reason(error)}); build again with --repair"
             ) from error
         for field, table in zip(fields, tables, strict=True):
             for column, low, high in zip(field.columns, table.min(axis=0), table.max(axis=0), strict=True):

@@ -55,6 +55,50 @@ def test_denoiser_set_holds_pairs(tmp_path):
     assert set(sample) == {"id", "noisy", "clean"} and sample["noisy"].shape == (3, 16, 16)
 
 
+CAMERA = ["--set", "data.bench.camera.psf_px=[0.1,0.5]"]
+
+
+def test_captures_come_from_benches_of_their_own(tmp_path, capsys):
+    """Build, what info and the picture say of it, and the same command again."""
+    folder = tmp_path / "set"
+    assert build_set(folder, "--bench", "careful", *CAMERA, kind="capture", n=4) == 0
+    dataset = CausticDataset(folder)
+    sample, names = dataset[2], [column.name for column in dataset.columns("bench")]
+    assert set(sample) == {"id", "heights", "image", "bench"} and len(names) == len(sample["bench"])
+    assert 0.09 < dict(zip(names, sample["bench"].tolist(), strict=True))["psf_px_1"] < 0.53
+    capsys.readouterr()
+    assert main(["data", "info", str(folder)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (gap,) = [line for line in lines if line.startswith("column     gap_m:")]
+    assert gap.endswith(" m, plate to screen") and sum(line.startswith("column") for line in lines) == len(names)
+    assert main(["data", "info", str(folder), "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["columns"]) == set(names)
+    assert main(["data", "preview", str(folder), "-o", str(tmp_path / "sheet.png"), "--samples", "2"]) == 0
+    assert read_image(tmp_path / "sheet.png").values.shape[1] > 400
+    assert build_set(folder, "--bench", "careful", *CAMERA, kind="capture", n=4) == 0
+    assert build_set(folder, "--bench", "careful", kind="capture", n=4) == 5
+    assert "bench.camera.psf_px" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "reason"),
+    [
+        ("capture", (), "needs ranges of benches; give --bench ordinary"),
+        ("updater", ("--bench", "poor", *CAMERA), "bench is for captures"),
+        ("capture", ("--bench", "por"), "bench 'por' is not shipped; did you mean 'poor'"),
+        ("capture", ("--bench", "./none.yaml"), "none.yaml"),
+        ("capture", ("--bench", "poor"), "too wide for 16 px"),
+        ("capture", ("--bench", "poor", "--set", "data.bench.camera.mixing=[1,0]"), "swap them, write"),
+        ("capture", ("--bench", "careful", *CAMERA, "--picture", "logo.png"), "add --set data.bench.prints=null"),
+    ],
+)
+def test_benches_that_cannot_be_end_in_one_line(tmp_path, capsys, kind, options, reason):
+    assert build_set(tmp_path / "set", *options, kind=kind) == 3
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1 and reason in error[0]
+    assert not (tmp_path / "set").exists()
+
+
 def test_info_and_verify(updater, capsys):
     assert main(["data", "info", str(updater)]) == 0
     assert "7 of 7 in 3 shards, complete" in capsys.readouterr().out

@@ -45,8 +45,7 @@ def read_out(
     steps: wp.float32,
     state: wp.uint32,
 ):
-    """Mean of exposures to a charge, all as parts of full scale: exposure.exposed, whose sums of Poisson numbers are
-    one of the summed mean."""
+    """Mean of exposures to a charge, as parts of full scale: exposure.exposed, with one Poisson number for the sum."""
     value = wp.clamp(charge, 0.0, MOST_CHARGE)
     if full > 0.0:
         electrons = wp.float32(wp.poisson(state, value * full * frames))
@@ -92,7 +91,7 @@ def sensor_kernels() -> SimpleNamespace:
     ):
         """Along the last axis, which loses what the filter reaches; a filter for each photo."""
         photo, channel, i, j = wp.tid()
-        total = float(0.0)
+        total = wp.float32(0.0)
         for k in range(taps.shape[1]):
             total += taps[photo, k] * field[photo, channel, i, j + k]
         filtered[photo, channel, i, j] = total
@@ -107,7 +106,7 @@ def sensor_kernels() -> SimpleNamespace:
     ):
         """The same along the axis before."""
         photo, channel, i, j = wp.tid()
-        total = float(0.0)
+        total = wp.float32(0.0)
         for k in range(taps.shape[1]):
             total += taps[photo, k] * field[photo, channel, i + k, j]
         filtered[photo, channel, i, j] = total
@@ -152,8 +151,8 @@ def sensor_kernels() -> SimpleNamespace:
         photo, i, j = wp.tid()
         x = wp.float32(j)
         y = wp.float32(i)
-        settled = float(1.0)
-        fresh = float(1.0)
+        settled = wp.float32(1.0)
+        fresh = wp.float32(1.0)
         old = wp.int32(sensors[photo, OF_GRAINS])
         for grain in range(old + wp.int32(sensors[photo, OF_FRESH])):
             passed = grain_shadow(grains, photo, grain, x, y)
@@ -178,7 +177,7 @@ def sensor_kernels() -> SimpleNamespace:
             if speckle.shape[0] > 0:
                 light *= wp.exp(wp.sqrt(variance) * speckle[photo, channel, i, j] - 0.5 * variance)
                 flat *= wp.exp(wp.sqrt(variance) * flat_speckle[photo, channel, i, j] - 0.5 * variance)
-            hot = float(0.0)
+            hot = wp.float32(0.0)
             if share > 0.0:
                 at = stream(keys, photo, FOR_HOT, index)
                 if wp.randf(at) < share:

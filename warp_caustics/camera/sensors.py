@@ -100,7 +100,7 @@ def exposed_batch(
     """
     start_warp()
     kernels, device = sensor_kernels(), wp.device_from_torch(signal.device)
-    count, channels, height, width = signal.shape
+    count, _, height, width = signal.shape
     empty = signal.new_empty(0, 0, 0, 0)
     photo = torch.empty_like(signal)
     dark, flat = (empty, empty) if lit is None else (torch.empty_like(signal), torch.empty_like(signal))

@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from data_gen.bench_ranges import BenchRanges
+from data_gen.benches.columns import bench_columns
+from data_gen.benches.draw import draw_benches
+from data_gen.benches.prints import PrintKinds
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.sampler import Field, SampleBatch
 
@@ -75,6 +79,21 @@ class SyntheticSampler:
             arrays["heights"][row] = np.random.default_rng().standard_normal((8, 8))
 
 
+class SyntheticCaptures(SyntheticSampler):
+    """The same with benches as captures have them: rows of named numbers, drawn as the real ones are."""
+
+    def __init__(self, config, **options):
+        super().__init__(config, **options)
+        self.config, self.kinds = config, PrintKinds(config, self.fingerprint)
+        columns = bench_columns(config.scene.n_wavelengths)
+        self.fields = (*FIELDS, Field("bench", (len(columns),), "float64", "", "a bench", columns))
+
+    def fill(self, arrays, row, sample):
+        super().fill({field.name: arrays[field.name] for field in self.fields}, row, sample)
+        printed = self.kinds.columns([sample])
+        arrays["bench"][row] = draw_benches(self.config, self.fingerprint, [sample], printed).values[0]
+
+
 def raise_value_error():
     raise ValueError("the glass is too thin")
 
@@ -95,7 +114,7 @@ TROUBLES = {
 
 
 def make_sampler(config, device, **options):
-    return SyntheticSampler(config, **options)
+    return (SyntheticCaptures if config.kind == "capture" else SyntheticSampler)(config, **options)
 
 
 def failing_factory(config, device):
@@ -117,9 +136,14 @@ def factory(**options):
 
 
 def make_config(n_samples=40, samples_per_shard=4, seed=1, **options):
-    return DatasetConfig(
-        kind="denoiser", n_samples=n_samples, samples_per_shard=samples_per_shard, seed=seed, **options
-    )
+    settings = {"kind": "denoiser", **options}
+    return DatasetConfig(n_samples=n_samples, samples_per_shard=samples_per_shard, seed=seed, **settings)
+
+
+def captures(n_samples=40, samples_per_shard=4, seed=1):
+    """A data set whose samples have benches of their own."""
+    ranges = BenchRanges(set_up={"gap_offset_m": (0, 1e-4)}, camera={"psf_px": (0, 1)})
+    return make_config(n_samples, samples_per_shard, seed, kind="capture", bench=ranges)
 
 
 def shard_bytes(folder):
@@ -132,15 +156,16 @@ def temporaries(folder):
 
 
 def main():
-    """``python -m store_synthetic FOLDER WORKERS N PER_SHARD PAUSE_S``: build and print one line per shard."""
+    """``python -m store_synthetic FOLDER WORKERS N PER_SHARD PAUSE_S [captures]``: build and print one line per shard."""
     import sys
 
     from data_gen.store import build
 
     folder, workers, n_samples, per_shard, pause_s = sys.argv[1:6]
+    configuration = captures if "captures" in sys.argv[6:] else make_config
     build(
         folder,
-        make_config(int(n_samples), int(per_shard)),
+        configuration(int(n_samples), int(per_shard)),
         factory(pause_s=float(pause_s)),
         workers=int(workers),
         progress=lambda state: print(state.done, flush=True),

@@ -1,6 +1,6 @@
 """The same plate on the four benches of the suite ``lab``: docs/bench.png.
 
-python -m benchmarks.plot_benches docs/bench.png [--device cuda] [--photons 9000000]
+python -m benchmarks.plot_test_bench docs/bench.png [--device cuda] [--photons 9000000]
 """
 
 import argparse
