@@ -24,9 +24,6 @@ USUAL_CAMERA = (
 APART = ("colour_shift_x_px", "colour_shift_y_px", "colour_scale")
 """Where colours lie is told against the middle wavelength: moved all alike they are a shift of the picture."""
 
-PSF_ROOM = 3.0
-"""A free PSF is cut as if it were wider by so many prior widths."""
-
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
@@ -138,7 +135,7 @@ class SetUp:
         Raises:
             InputError: they are not.
         """
-        values = torch.as_tensor(theta).detach().to("cpu", torch.float64)
+        values = torch.as_tensor(theta, dtype=torch.float64).detach().cpu()
         if values.shape != (len(self.parameters),):
             raise InputError(
                 f"theta has shape {list(values.shape)} for {len(self.parameters)} free parameters; give one value each"
@@ -178,7 +175,7 @@ class SetUp:
         fixed = CameraParameters(*(value.to(device, dtype) for value in self._nominal_camera))
         if theta is None:
             return fixed
-        values = torch.as_tensor(theta).to(device, dtype)
+        values = torch.as_tensor(theta, dtype=dtype, device=device)
         numbers = [k for k, name in enumerate(self.names) if name in self._places]
         return with_camera_values(fixed, [self._places[self.names[k]] for k in numbers], values[numbers])
 
@@ -193,6 +190,7 @@ class SetUp:
         """The camera as an operator in which nothing is left out that theta, or moving a parameter, needs.
 
         Resampling, turning and blur cost time, turning most. What is left out would change nothing but the last digits.
+        The PSF is cut where the nominal camera cuts it, or further out where theta needs that.
 
         Args:
             theta: shape [P]; None is nominal.
@@ -214,12 +212,11 @@ class SetUp:
         placed = (exact.shift_px, exact.colour_shift_px, exact.colour_scale, exact.magnification - 1)
         places = turns or camera.form.places or not moved.isdisjoint(PLACING) or any(bool(v.any()) for v in placed)
         widths = [float(getattr(exact, field).max()) for field in BLURRING]
-        room = [max((p.prior for p in self.parameters if p.group == field), default=0.0) for field in BLURRING]
         camera.form = replace(
             camera.form,
             places=places,
             turns=turns,
             blurs=not moved.isdisjoint(BLURRING) or max(widths) > 0,
-            reach=psf_reach(*(width + PSF_ROOM * more for width, more in zip(widths, room, strict=True))),
+            reach=max(camera.form.reach, psf_reach(*widths)),
         )
         return camera
