@@ -22,6 +22,7 @@ COMMANDS = {
     "inspect": "cli.inspect:inspect",
     "compare": "cli.compare:compare",
     "plan": "cli.plan:plan",
+    "setup": "cli.setup_cmd:setup",
     "simulate": "cli.simulate:simulate",
     "capture": "cli.capture:capture",
     "design": "cli.design:design",

@@ -63,7 +63,6 @@ def simulate(
 
     from cli.config import config_files, load_config
     from cli.output import check_file
-    from cli.photo_job import PhotoJob
     from warp_caustics.errors import InputError
     from warp_caustics.io.images import write_image
     from warp_caustics.prints.relief_file import read_relief
@@ -84,6 +83,8 @@ def simulate(
     if camera is None:
         _check_output(output, config.scene)
     else:
+        from cli.photo_job import PhotoJob
+
         photo = PhotoJob.checked(camera, output, scene, inputs, noise=noise, force=force)
 
     import torch

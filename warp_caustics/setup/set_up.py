@@ -21,6 +21,10 @@ USUAL_CAMERA = (
 )  # fmt: skip
 """Groups that are free where nobody says which: what every laboratory has to find out."""
 
+SHIFTED_BY_CAMERA = ("screen_x_m", "screen_y_m")
+"""The window and the camera's picture of it shift everything alike. Images with structure as fine as a pixel could tell
+them apart in the model, which resamples pixels, but no laboratory could."""
+
 APART = ("colour_shift_x_px", "colour_shift_y_px", "colour_scale")
 """Where colours lie is told against the middle wavelength: moved all alike they are a shift of the picture."""
 
@@ -58,7 +62,7 @@ class SetUp:
             camera: nominal; None is none.
             free: names of parameters or groups; a group ``psf_px`` stands for ``psf_px.0``, ``psf_px.1`` and so on.
                 None takes all of plate, light and screen, and of a camera :data:`USUAL_CAMERA` but for the middle
-                wavelength's :data:`APART`.
+                wavelength's :data:`APART`; with a camera its shift stands for that of the screen.
             ranges: by name or group, in place of the usual ones.
             priors: standard deviations by name or group, in place of the usual ones.
 
@@ -78,7 +82,7 @@ class SetUp:
             free = [
                 name
                 for name, p in known.items()
-                if p.part != "camera"
+                if (p.part != "camera" and not (camera is not None and name in SHIFTED_BY_CAMERA))
                 or (p.group in USUAL_CAMERA and name not in {f"{group}.{middle}" for group in APART})
             ]
         names = chosen(free, list(known.values()))
