@@ -101,8 +101,8 @@ def setup(
     for name, apart in zip(found.names, found.disagreement.tolist(), strict=True):
         if apart > UNSURE:
             console.warn(
-                f"{name}: two steps of a difference disagree by {apart:.1g} (limit {UNSURE:g}): its image is not smooth; "
-                "take a camera with a PSF"
+                f"{name}: two steps of a difference disagree by {apart:.1g} (limit {UNSURE:g}), so its image is not "
+                "smooth; take a camera with a PSF"
             )
     with_heights = unknown is not None
     heads = (
