@@ -42,9 +42,9 @@ def lines(count: int, seed: int) -> list[Line]:
 
 
 def bump(scene: Scene) -> np.ndarray:
-    """One smooth hill of 0.5 mm, 9 mm in standard deviation."""
+    """One smooth hill of 1.5 mm, 3.5 mm in standard deviation along x."""
     x, y = (cell_centres(scene.height_samples, size) for size in scene.plate_size_m)
-    return 5e-4 * np.exp(-((x[None, :] - 2e-3) ** 2 + 1.4 * (y[:, None] + 3e-3) ** 2) / (2 * 9e-3**2))
+    return 1.5e-3 * np.exp(-((x[None, :] - 2e-3) ** 2 + 1.4 * (y[:, None] + 3e-3) ** 2) / (2 * 3.5e-3**2))
 
 
 def main(target: Path) -> None:
@@ -123,17 +123,18 @@ def draw(pictures: dict[str, tuple[torch.Tensor, SetUpJacobian]], setup: SetUp, 
     columns = 1 + len(PICTURED)
     figure, axes = plt.subplots(len(pictures), columns, figsize=(1.75 * columns, 5.9), layout="constrained")
     priors = dict(zip(setup.names, setup.parameters, strict=True))
-    for row, (plate, (image, jacobian)) in zip(axes, pictures.items(), strict=True):
+    for number, (plate, (image, jacobian)) in enumerate(pictures.items()):
+        row = axes[number]
         row[0].imshow(image[1], cmap="gray", vmin=0, vmax=2.5, origin="lower")
         row[0].set_ylabel(plate)
-        row[0].set_title("image" if row is axes[0] else "", fontsize=8)
+        row[0].set_title("" if number else "image", fontsize=8)
         for panel, name in zip(row[1:], PICTURED, strict=True):
             parameter = priors[name]
             change = (parameter.prior * jacobian.values[jacobian.names.index(name)])[1, BORDER:-BORDER, BORDER:-BORDER]
             most = max(float(change.abs().quantile(0.995)), 1e-9)
             panel.imshow(change, cmap="RdBu_r", vmin=-most, vmax=most, origin="lower")
-            factor, unit = UNITS.get(parameter.unit, (1.0, parameter.unit.replace("1", "", parameter.unit == "1")))
-            if row is axes[0]:
+            factor, unit = UNITS.get(parameter.unit, (1.0, "" if parameter.unit == "1" else parameter.unit))
+            if number == 0:
                 panel.set_title(f"{name}\n{factor * parameter.prior:.3g} {unit}", fontsize=8)
             panel.set_xlabel(f"$\\pm${most:.2g}", fontsize=7, labelpad=1)
     for panel in axes.flat:
