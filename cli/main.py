@@ -23,6 +23,7 @@ COMMANDS = {
     "compare": "cli.compare:compare",
     "bench": "cli.bench:bench",
     "plan": "cli.plan:plan",
+    "setup": "cli.setup_cmd:setup",
     "simulate": "cli.simulate:simulate",
     "capture": "cli.capture:capture",
     "design": "cli.design:design",

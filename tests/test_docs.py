@@ -26,6 +26,8 @@ RUN = [
     (r"nsfc (env|config) ", {}, ()),
     (r"nsfc weights ", {}, ()),
     (r"nsfc plan ", {}, ()),
+    (r"nsfc setup .*lines", None, "a list of lines of the reader's own; tests/cli/test_setup.py has one"),
+    (r"nsfc setup ", {}, ("--border", "4", "--unknown-heights", "1", *SMALL)),
     (r"nsfc simulate .*--camera \./", None, "a file of the page; tests/cli/test_simulate_camera.py reads it"),
     (r"nsfc simulate examples/", None, "files of the checkout; tests/cli/test_simulate.py runs it"),
     (r"nsfc simulate ", {}, SMALL),

@@ -39,6 +39,10 @@ if TYPE_CHECKING:
     from warp_caustics.reconstruct.base import CausticImage as CausticImage
     from warp_caustics.reconstruct.base import Reconstruction as Reconstruction
     from warp_caustics.scene import Scene as Scene
+    from warp_caustics.setup.information import fisher_information as fisher_information
+    from warp_caustics.setup.knowledge import knowledge as knowledge
+    from warp_caustics.setup.model import SetUpModel as SetUpModel
+    from warp_caustics.setup.set_up import SetUp as SetUp
     from warp_caustics.simulator import CausticSimulator as CausticSimulator
 
 _HOMES = {
@@ -59,10 +63,14 @@ _HOMES = {
     "ResourceError": "warp_caustics.errors",
     "Scene": "warp_caustics.scene",
     "SensorConfig": "warp_caustics.camera.config",
+    "SetUp": "warp_caustics.setup.set_up",
+    "SetUpModel": "warp_caustics.setup.model",
     "design_relief": "warp_caustics.prints.design_file",
     "exposed": "warp_caustics.camera.exposure",
+    "fisher_information": "warp_caustics.setup.information",
     "height_errors": "warp_caustics.metrics",
     "judge_plate": "warp_caustics.inspection.judge",
+    "knowledge": "warp_caustics.setup.knowledge",
     "line_relief": "warp_caustics.prints.line",
     "photographs": "warp_caustics.camera.photographs",
     "read_camera": "warp_caustics.camera.config",

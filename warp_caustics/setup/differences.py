@@ -25,9 +25,10 @@ def difference(
 ) -> Difference:
     """df/dx by Richardson's extrapolation over the steps s and s / 2.
 
-    Central where the range allows it, (4 D(s/2) - D(s)) / 3 with an error of s^4; else D from one side,
-    (-3 f(0) + 4 f(s) - f(2 s)) / (2 s), extrapolated alike with an error of s^3 (Abramowitz and Stegun, 25.3.21,
-    25.3.4). The step is cut to a quarter of the range.
+    Central where the range allows it, (4 D(s/2) - D(s)) / 3 with an error of s^4 (Abramowitz and Stegun, 25.3.21);
+    else from one side, D(s) = (-5 f(s) + 8 f(2 s) - 3 f(3 s)) / (2 s), extrapolated alike with an error of s^3. That is
+    the derivative at x of the parabola through three points beside x: x itself, at the end of its range, may be a
+    model of its own. The step is cut to a quarter of the range.
 
     Args:
         function: of x.
@@ -47,10 +48,9 @@ def difference(
 
     else:
         whole = step if high - at >= at - low else -step
-        here = function(at)
 
         def slope(s: float) -> torch.Tensor:
-            return (-3 * here + 4 * function(at + s) - function(at + 2 * s)) / (2 * s)
+            return (-5 * function(at + s) + 8 * function(at + 2 * s) - 3 * function(at + 3 * s)) / (2 * s)
 
     coarse, fine = slope(whole), slope(whole / 2)
     derivative = (4 * fine - coarse) / 3

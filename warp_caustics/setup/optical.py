@@ -3,7 +3,8 @@
 Collimated light and a point source have numbers of their own. Those of collimated light go on to lamps at a finite
 distance by the vergence v = 1 / L: above 0 the scene has a point source at the distance L above the plate's top, in
 the direction that the tilt says and as large as the half angle says, with the plate's centre as bright as before.
-With ``scene.fresnel`` the flat plate that losses are relative to differs then by terms of the fourth order in the tilt.
+Between parallel light and the limit of far lamps small steps are left, of the second order in the tilt for the lamp's
+size, whose disc is level, and of the fourth with ``scene.fresnel``, whose flat plate is that right below the lamp.
 """
 
 import math

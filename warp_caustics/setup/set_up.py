@@ -21,11 +21,12 @@ USUAL_CAMERA = (
 )  # fmt: skip
 """Groups that are free where nobody says which: what every laboratory has to find out."""
 
+SHIFTED_BY_CAMERA = ("screen_x_m", "screen_y_m")
+"""The window and the camera's picture of it shift everything alike. Images with structure as fine as a pixel could tell
+them apart in the model, which resamples pixels, but no laboratory could."""
+
 APART = ("colour_shift_x_px", "colour_shift_y_px", "colour_scale")
 """Where colours lie is told against the middle wavelength: moved all alike they are a shift of the picture."""
-
-PSF_ROOM = 3.0
-"""A free PSF is cut as if it were wider by so many prior widths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class SetUp:
             camera: nominal; None is none.
             free: names of parameters or groups; a group ``psf_px`` stands for ``psf_px.0``, ``psf_px.1`` and so on.
                 None takes all of plate, light and screen, and of a camera :data:`USUAL_CAMERA` but for the middle
-                wavelength's :data:`APART`.
+                wavelength's :data:`APART`; with a camera its shift stands for that of the screen.
             ranges: by name or group, in place of the usual ones.
             priors: standard deviations by name or group, in place of the usual ones.
 
@@ -81,7 +82,7 @@ class SetUp:
             free = [
                 name
                 for name, p in known.items()
-                if p.part != "camera"
+                if (p.part != "camera" and not (camera is not None and name in SHIFTED_BY_CAMERA))
                 or (p.group in USUAL_CAMERA and name not in {f"{group}.{middle}" for group in APART})
             ]
         names = chosen(free, list(known.values()))
@@ -138,7 +139,7 @@ class SetUp:
         Raises:
             InputError: they are not.
         """
-        values = torch.as_tensor(theta).detach().to("cpu", torch.float64)
+        values = torch.as_tensor(theta, dtype=torch.float64).detach().cpu()
         if values.shape != (len(self.parameters),):
             raise InputError(
                 f"theta has shape {list(values.shape)} for {len(self.parameters)} free parameters; give one value each"
@@ -178,7 +179,7 @@ class SetUp:
         fixed = CameraParameters(*(value.to(device, dtype) for value in self._nominal_camera))
         if theta is None:
             return fixed
-        values = torch.as_tensor(theta).to(device, dtype)
+        values = torch.as_tensor(theta, dtype=dtype, device=device)
         numbers = [k for k, name in enumerate(self.names) if name in self._places]
         return with_camera_values(fixed, [self._places[self.names[k]] for k in numbers], values[numbers])
 
@@ -193,6 +194,7 @@ class SetUp:
         """The camera as an operator in which nothing is left out that theta, or moving a parameter, needs.
 
         Resampling, turning and blur cost time, turning most. What is left out would change nothing but the last digits.
+        The PSF is cut where the nominal camera cuts it, or further out where theta needs that.
 
         Args:
             theta: shape [P]; None is nominal.
@@ -214,12 +216,11 @@ class SetUp:
         placed = (exact.shift_px, exact.colour_shift_px, exact.colour_scale, exact.magnification - 1)
         places = turns or camera.form.places or not moved.isdisjoint(PLACING) or any(bool(v.any()) for v in placed)
         widths = [float(getattr(exact, field).max()) for field in BLURRING]
-        room = [max((p.prior for p in self.parameters if p.group == field), default=0.0) for field in BLURRING]
         camera.form = replace(
             camera.form,
             places=places,
             turns=turns,
             blurs=not moved.isdisjoint(BLURRING) or max(widths) > 0,
-            reach=psf_reach(*(width + PSF_ROOM * more for width, more in zip(widths, room, strict=True))),
+            reach=max(camera.form.reach, psf_reach(*widths)),
         )
         return camera

@@ -54,18 +54,18 @@ def test_noise_may_differ_between_pixels():
 
 
 def test_an_estimate_scatters_as_the_bound_says():
-    """2,000 noisy images of a bump: least squares for gap, shift and gain scatter as their marginal deviations.
+    """2,000 noisy images of a bump: least squares for gap, base and gain scatter as their marginal deviations.
 
     The scatter of 2,000 estimates is known to 1.6 %; four times that is allowed, and bounds apart differ by more.
     """
-    setup = SetUp.of(SCENE, CameraConfig(psf_px=0.5), ["gap_m", "shift_x_px", "gain"])
-    model, heights, noise = SetUpModel(setup), bump(16), 1e-4
+    setup = SetUp.of(SCENE, CameraConfig(psf_px=0.5), ["gap_m", "base_thickness_m", "gain.1"])
+    model, heights, noise = SetUpModel(setup), bump(16, height_m=1e-3), 1e-4
     jacobian = model.jacobian(heights)
     bound = marginal_deviations(fisher_information(jacobian, noise))
     alone = conditional_deviations(fisher_information(jacobian, noise))
     assert float((bound / alone).max()) > 1.2
-    # The image moves with theta, not its tangent: a true set-up four bounds away, exactly simulated.
-    truth = setup.nominal + 4 * bound
+    # The image moves with theta, not its tangent: a true set-up one bound away, exactly simulated.
+    truth = setup.nominal + bound
     image = model.image(heights, truth) - model.image(heights)
     generator = torch.Generator().manual_seed(0)
     drawn = noise * torch.randn(2000, image.numel(), generator=generator, dtype=torch.float64)
@@ -140,15 +140,16 @@ def test_partners_are_those_that_would_tell():
 @pytest.fixture(scope="module")
 def told():
     """What images of a bump tell, with heights known and unknown, without the plate's border."""
-    setup = SetUp.of(SCENE, CameraConfig(psf_px=0.5))
+    camera = CameraConfig(psf_px=0.5)
+    setup = SetUp.of(SCENE, camera, ("screen_x_m", *SetUp.of(SCENE, camera).names))
     model, heights = SetUpModel(setup), bump(16, height_m=1e-3)
     jacobian = model.derivatives(heights)
     inner = (..., slice(4, -4), slice(4, -4))
     jacobian = jacobian._replace(values=jacobian.values[inner])
     smooth = smooth_heights(SCENE, 4)
     columns = model.by_heights(heights, smooth.modes)[inner]
-    known = knowledge(setup, jacobian, 1e-3)
-    return known, knowledge(setup, jacobian, 1e-3, smooth, columns)
+    known = knowledge(setup, jacobian, 3e-4)
+    return known, knowledge(setup, jacobian, 3e-4, smooth, columns)
 
 
 def by_name(found):
@@ -156,13 +157,12 @@ def by_name(found):
 
 
 def test_known_trade_offs_are_found(told):
-    """Index against height and base against height; screen against camera and tilt; the blur is fixed."""
+    """Index, base and gap against height, shift of the camera against that of the screen; the blur is fixed."""
     known, unknown = (by_name(found) for found in told)
     for name in ("index_offset", "base_thickness_m", "gap_m"):
         assert HEIGHTS in dict(unknown[name].trades), name
         assert HEIGHTS not in dict(known[name].trades)
-    partners_of_shift = dict(known["shift_x_px"].trades)
-    assert {"screen_x_m", "tilt_x_rad"} & set(partners_of_shift)
+    assert dict(known["shift_x_px"].trades)["screen_x_m"] > 0.9
     assert all(unknown[f"psf_px.{c}"].verdict == "fixed" for c in range(3))
     assert not unknown["psf_px.1"].trades
 
@@ -175,7 +175,7 @@ def test_knowledge_is_ordered(told):
             assert min(known.alone, known.parameter.prior) <= known.together * 2**0.5
     known, unknown = (by_name(found) for found in told)
     assert all(known[name].with_heights == pytest.approx(known[name].together) for name in known)
-    assert any(unknown[name].with_heights > 1.5 * unknown[name].together for name in unknown)
+    assert any(unknown[name].with_heights > 1.2 * unknown[name].together for name in unknown)
     remaining = [direction.remaining for direction in told[0].directions]
     assert remaining == sorted(remaining) and len(remaining) == len(known)
 

@@ -81,8 +81,8 @@ def test_against_differences_of_the_oracle(scene, name, step):
 
 
 def test_vergence_from_parallel_light_on():
-    """At its bound the derivative is from one side: against three-point differences of the oracle's point sources."""
-    scene = COLLIMATED.model_copy(update={"fresnel": False})
+    """At its bound the derivative is from one side: against a parabola through the oracle's point sources."""
+    scene = COLLIMATED
     setup = SetUp.of(scene, free=["vergence_per_m"])
     model = SetUpModel(setup, n_photons=24**2)
     ((_, positions),) = model._simulator.engine.chunks(1)
@@ -92,7 +92,7 @@ def test_vergence_from_parallel_light_on():
         return oracle_image(bump(8), setup.scene([v]), positions.double(), s.smoothing, s.profile, True)
 
     def slope(h):
-        return (-3 * image(0.0) + 4 * image(h) - image(2 * h)) / (2 * h)
+        return (-5 * image(h) + 8 * image(2 * h) - 3 * image(3 * h)) / (2 * h)
 
     expected = (4 * slope(1e-3) - slope(2e-3)) / 3
     (found,) = model.jacobian(bump(8))
@@ -100,13 +100,13 @@ def test_vergence_from_parallel_light_on():
 
 
 def test_the_disagreement_tells_smooth_images_from_folds():
-    """Much above rounding where narrow lines fold and no blur hides it, with its first order below a tenth."""
+    """A narrow line whose light folds, without blur: ten times that of a smooth plate, and still a good derivative."""
     scene = Scene(height_samples=64, image_pixels=64, screen_position_m=(0, 0, -5e-3))
     lines = [Line((-0.02, -0.01), (0.02, 0.012), 2e-3, 5e-4)]
     folded = torch.from_numpy(line_relief(lines, 64, scene.plate_size_m))
     model = SetUpModel(SetUp.of(scene, free=["gap_m"]))
     smooth, sharp = (float(model.derivatives(h).disagreement[0]) for h in (bump(64), folded))
-    assert smooth < 1e-6 < sharp < 1e-2
+    assert 10 * smooth < sharp < 1e-5
 
 
 FLAT = Scene(height_samples=16, image_pixels=32, screen_position_m=(0, 0, -2e-3))
@@ -121,24 +121,20 @@ def test_a_flat_plate_shows_neither_base_nor_gap_nor_index():
 
 
 def test_tilted_light_moves_a_flat_plates_image_by_gap_and_base():
-    """By gap tan(a) and d tan(a') with sin a' = sin a / n: the light's centre moves by their derivatives."""
+    """By gap tan(a) and d tan(a'), sin a' = sin a / n: the light at the edge that lies in the window moves by that."""
     scene = FLAT.model_copy(update={"light_tilt_rad": (0.1, 0.0), "plate_size_m": (0.01, 0.01)})
-    wide = CameraConfig(frame_px=(64, 64))
-    model = SetUpModel(SetUp.of(scene, wide))
-    found = model.derivatives(torch.zeros(16, 16))
-    x = (torch.arange(64).double() - 31.5) * scene.pixel_size_m[0]
+    found = SetUpModel(SetUp.of(scene)).derivatives(torch.zeros(16, 16))
     for c, index in enumerate(scene.glass_indices):
         inside = math.asin(math.sin(0.1) / index)
-        expected = {"gap_m": math.tan(0.1), "base_thickness_m": math.tan(inside), "screen_x_m": -1.0}
-        expected["tilt_x_rad"] = 2e-3 / math.cos(0.1) ** 2 + 3e-3 * math.cos(0.1) / (index * math.cos(inside) ** 3)
+        by_tilt = 2e-3 / math.cos(0.1) ** 2 + 3e-3 * math.cos(0.1) / (index * math.cos(inside) ** 3)
+        expected = {
+            "gap_m": math.tan(0.1), "base_thickness_m": math.tan(inside), "screen_x_m": -1.0, "tilt_x_rad": by_tilt,
+            "index_offset": -3e-3 * math.tan(inside) / (index * math.cos(inside) ** 2),
+        }  # fmt: skip
         for name, shift in expected.items():
-            change = found.values[found.names.index(name)][c]
-            # Light that leaves the window is lost at its far edge: moments are of the near one, which moves alone.
-            row = change[32]
-            edge = row[:32] if shift > 0 else row[32:]
-            assert abs(float(edge.sum())) * scene.pixel_size_m[0] == pytest.approx(abs(shift), rel=2e-3), name
-            assert (float(edge.sum()) < 0) == (shift != 0), name
-    assert float(x.sum()) == pytest.approx(0.0, abs=1e-12)
+            change = found.values[found.names.index(name)][c, 16]
+            assert -float(change[:8].sum()) * scene.pixel_size_m[0] == pytest.approx(shift, rel=1e-6), name
+            assert float(change[8:].abs().max()) < 1e-6 * float(change.abs().max())
 
 
 def test_more_gap_and_more_glass_make_a_weak_lens_stronger():
@@ -192,11 +188,11 @@ def test_each_number_of_a_camera_by_differences(heights, nominal):
 
 
 def test_a_screen_that_moves_is_a_picture_that_moves(heights):
-    """The camera's shift by whole pixels and the window's, inside: S_x to the right, the picture to the left."""
-    model = SetUpModel(SetUp.of(FLAT, CameraConfig()))
+    """S_x to the right, the picture to the left; a blurred one, whose pixels a camera can move without error."""
+    model = SetUpModel(SetUp.of(FLAT, CameraConfig(psf_px=1.5), ["screen_x_m", "shift_x_px"]))
     screen, shift = model.jacobian(heights, ["screen_x_m", "shift_x_px"])[:, :, 8:-8, 8:-8]
     pixel = FLAT.pixel_size_m[0]
-    torch.testing.assert_close(screen * pixel, -shift, rtol=0, atol=2e-2 * float(shift.abs().max()))
+    torch.testing.assert_close(screen * pixel, -shift, rtol=0, atol=2e-3 * float(shift.abs().max()))
 
 
 def test_names_choose_and_keep_their_order(heights):
@@ -253,3 +249,16 @@ def test_differences_at_both_ends_of_a_range(at):
     assert min(asked) >= 0 and max(asked) <= 1 and 0 < found.disagreement < 1e-2
     assert difference(lambda x: torch.zeros(2), 0.5, 0.1, 0.0, 1.0).disagreement == 0
     np.testing.assert_allclose(float(difference(function, 0.0, 1e9, 0.0, 1.0).derivative), 3.0, rtol=0.2)
+
+
+@pytest.mark.gpu
+def test_the_same_on_a_gpu(heights, device):
+    """Derivatives by light, camera and heights: what atomic sums in another order change."""
+    setup = SetUp.of(FLAT.model_copy(update={"lamp_half_angle_rad": 0.01}), CameraConfig(psf_px=0.5))
+    modes = smooth_heights(FLAT, 2).modes
+    here, there = (SetUpModel(setup, device=where) for where in ("cpu", device))
+    for name, expected, found in zip(setup.names, here.jacobian(heights), there.jacobian(heights), strict=True):
+        assert float((found.cpu() - expected).norm()) < 1e-6 * float(expected.norm()) + 1e-12, name
+    torch.testing.assert_close(
+        there.by_heights(heights, modes).cpu(), here.by_heights(heights, modes), rtol=1e-6, atol=1e-4
+    )

@@ -31,7 +31,7 @@ EVERYTHING = ("homography", "mixing", "light_x", "light_xy", "box_px")
 def drawn(setup, seed=0):
     """Values within a hundredth of a prior width, and within the range."""
     generator = torch.Generator().manual_seed(seed)
-    moved = setup.nominal + 0.01 * setup.priors * torch.randn(len(setup.names), generator=generator).double()
+    moved = setup.nominal + 0.01 * setup.priors * torch.randn(len(setup.names), generator=generator).double().abs()
     low, high = (torch.tensor([getattr(p, end) for p in setup.parameters]).double() for end in ("low", "high"))
     return torch.minimum(torch.maximum(moved, low), high)
 
