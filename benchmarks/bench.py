@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.of_weights import shipped
-from data_gen.bench.suites import SUITES, suite_cases
+from data_gen.suites.suites import SUITES, suite_cases
 
 FILE = Path(__file__).with_name("bench.json")
 PAGE = Path(__file__).parents[1] / "docs" / "bench.md"

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from data_gen.bench.light import Light
-from data_gen.bench.shot import measured
-from data_gen.bench.suites import suite_cases
+from data_gen.suites.light import Light
+from data_gen.suites.shot import measured
+from data_gen.suites.suites import suite_cases
 
 PLATE = 4
 """Curves of fused fibres, of the careful bench."""

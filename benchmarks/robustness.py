@@ -1,7 +1,7 @@
 """How far ``direct`` is off when bench, camera or print are not what it expects, and whether it says so.
 
 The development fields (`data_gen.testset`), or fields of an own seed that nothing was trained on, each seen under every
-condition of `data_gen.bench.conditions`; all that is random is fixed per field, so that conditions and weights can be
+condition of `data_gen.suites.conditions`; all that is random is fixed per field, so that conditions and weights can be
 compared. Errors are the relief RMSE in um, nothing removed. Fields that the file already holds for the same weights,
 device and options are not computed again.
 
@@ -33,8 +33,8 @@ import yaml
 
 from benchmarks.learned import VARIANTS, Cells
 from benchmarks.spread_fit import Kept, print_fits
-from data_gen.bench.conditions import CONDITIONS, Condition, seen
-from data_gen.bench.odd_prints import printed
+from data_gen.suites.conditions import CONDITIONS, Condition, seen
+from data_gen.suites.odd_prints import printed
 from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes
 from data_gen.testset import DEVELOPMENT_FIELDS, TEST_PHOTONS, fields_config

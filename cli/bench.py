@@ -13,7 +13,7 @@ from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
-    from data_gen.bench.case import Case
+    from data_gen.suites.case import Case
 
 OUTPUTS = ("cells", "images", "table.json", "index.html")
 """All that a folder of a run or of scores holds."""
@@ -39,7 +39,7 @@ def bench() -> None:
 @json_option
 def list_suites(suite: str | None, as_json: bool) -> None:
     """List the suites, or the rows of one."""
-    from data_gen.bench.suites import SUITES, suite_cases
+    from data_gen.suites.suites import SUITES, suite_cases
 
     console = Console(as_json)
     if suite is None:
@@ -189,8 +189,8 @@ def export(
     cases = _cases(suite, plates, rows)
     _check_photons(n_photons)
     console, device = Console(as_json), start_device(device)
-    from data_gen.bench.export import NAMES, export_suite
-    from data_gen.bench.light import Light
+    from data_gen.suites.export import NAMES, export_suite
+    from data_gen.suites.light import Light
     from nets.evaluation.code_version import code_version
 
     path, _ = checked_folder(directory, lambda name: True)
@@ -216,7 +216,7 @@ def export(
 
 
 def _cases(suite: str, plates: int | None, rows: str) -> "list[Case]":
-    from data_gen.bench.suites import suite_cases
+    from data_gen.suites.suites import suite_cases
 
     return suite_cases(suite, plates, tuple(filter(None, (row.strip() for row in rows.split(",")))))
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cli.provenance import now, versions
-from data_gen.bench.case import Case
+from data_gen.suites.case import Case
 from nets.evaluation.code_version import code_version
 from warp_caustics.device import device_name
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from cli.comparison.figures import DPI, png
 from cli.figures import new_figure, rgb_composite, white_level
-from data_gen.bench.case import Case
-from data_gen.bench.light import Light
+from data_gen.suites.case import Case
+from data_gen.suites.light import Light
 from nets.evaluation.bench.fields import case_field
 from nets.evaluation.cells import CellStore
 

@@ -54,7 +54,7 @@ LAYERS = {
         "benches",
         "samples",
         "testset",
-        "bench",
+        "suites",
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries",

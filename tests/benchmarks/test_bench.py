@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bench import FIGURES, PAGE, collect, method_cells, stored, table, titles, with_tables
-from data_gen.bench.suites import SUITES, suite_cases
+from data_gen.suites.suites import SUITES, suite_cases
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,8 +8,8 @@ import pytest
 
 import nets.evaluation.run as run_module
 from cli.main import main
-from data_gen.bench.light import true_heights
-from data_gen.bench.suites import suite_cases
+from data_gen.suites.light import true_heights
+from data_gen.suites.suites import suite_cases
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import write_heights
 from warp_caustics.reconstruct.base import Reconstruction, Reconstructor

@@ -1,1 +1,1 @@
-"""Methods on the suites of the test bench (``data_gen.bench``): scores, runs that go on where they stopped, tables."""
+"""Methods on the suites of the test bench (``data_gen.suites``): scores, runs that go on where they stopped, tables."""

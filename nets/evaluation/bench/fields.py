@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from data_gen.bench.case import Case
-from data_gen.bench.light import Light
-from data_gen.bench.shot import Measured, measured
+from data_gen.suites.case import Case
+from data_gen.suites.light import Light
+from data_gen.suites.shot import Measured, measured
 from nets.evaluation.arrays import read_arrays, write_arrays
 from nets.evaluation.code_version import code_version
 from nets.evaluation.fields import Field

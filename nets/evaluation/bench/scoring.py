@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from data_gen.bench.case import Case
-from data_gen.bench.light import true_heights
+from data_gen.suites.case import Case
+from data_gen.suites.light import true_heights
 from nets.evaluation.bench.scores import relief_scores
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.heights import read_heights

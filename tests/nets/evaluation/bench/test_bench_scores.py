@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data_gen.bench.light import true_heights
-from data_gen.bench.suites import suite_cases
+from data_gen.suites.light import true_heights
+from data_gen.suites.suites import suite_cases
 from nets.evaluation.bench.scores import bench_scores, relief_scores
 from nets.evaluation.bench.scoring import score_folder
 from nets.evaluation.bench.table import bench_rows, bench_summary

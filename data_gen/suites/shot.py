@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from data_gen.bench.case import Case
-from data_gen.bench.conditions import seen
-from data_gen.bench.light import ImageArray, Light, bench_angles, true_heights
+from data_gen.suites.case import Case
+from data_gen.suites.conditions import seen
+from data_gen.suites.light import ImageArray, Light, bench_angles, true_heights
 from data_gen.dataset_config import sample_seed
 from warp_caustics.camera.operator import Camera
 from warp_caustics.camera.photographs import FULL_SCALE, Photographs, photographs

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from data_gen.bench import ideal, lab, one_thing, print_shapes
-from data_gen.bench.case import Case
+from data_gen.suites import ideal, lab, one_thing, print_shapes
+from data_gen.suites.case import Case
 from warp_caustics.errors import InputError, known_names
 
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from data_gen.bench.case import Case, Plate, bench_plates
+from data_gen.suites.case import Case, Plate, bench_plates
 from data_gen.config import (
     CurvesConfig,
     DropsConfig,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from data_gen.bench.case import Case
+from data_gen.suites.case import Case
 
 TEXT = """# nsfc bench, suite `{suite}`
 

@@ -1,6 +1,6 @@
 """Suite ``ideal``: the ten development fields on the bench that methods are told, as of ``nsfc compare --testset``."""
 
-from data_gen.bench.case import Case, Plate
+from data_gen.suites.case import Case, Plate
 from data_gen.testset import DEVELOPMENT_FIELDS, fields_config
 
 PLATES = DEVELOPMENT_FIELDS

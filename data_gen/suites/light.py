@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from data_gen.bench.case import Case
-from data_gen.bench.odd_prints import printed
+from data_gen.suites.case import Case
+from data_gen.suites.odd_prints import printed
 from data_gen.dataset_config import PhotonConfig, sample_seed
 from data_gen.samples import Reliefs
 from warp_caustics.height_field import cell_centres

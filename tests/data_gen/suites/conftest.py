@@ -2,7 +2,7 @@
 
 import pytest
 
-from data_gen.bench.light import Light
+from data_gen.suites.light import Light
 
 
 @pytest.fixture(scope="session")

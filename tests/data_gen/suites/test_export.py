@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from cli.config import load_config
-from data_gen.bench.export import NAMES, export_suite
-from data_gen.bench.light import true_heights
-from data_gen.bench.shot import measured
-from data_gen.bench.suites import suite_cases
+from data_gen.suites.export import NAMES, export_suite
+from data_gen.suites.light import true_heights
+from data_gen.suites.shot import measured
+from data_gen.suites.suites import suite_cases
 from warp_caustics.capture.read import read_capture
 from warp_caustics.capture.settings import CaptureSettings
 from warp_caustics.io.heights import read_heights

@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from data_gen.bench.card import card
-from data_gen.bench.case import Case
-from data_gen.bench.light import Light
-from data_gen.bench.shot import Measured, measured
+from data_gen.suites.card import card
+from data_gen.suites.case import Case
+from data_gen.suites.light import Light
+from data_gen.suites.shot import Measured, measured
 from warp_caustics.camera.config import CameraConfig
 from warp_caustics.camera.files import photograph_files, write_photographs
 from warp_caustics.camera.operator import Camera
