@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from store_synthetic import factory, failing_factory, make_config, shard_bytes, temporaries
+from store_synthetic import captures, factory, failing_factory, make_config, shard_bytes, temporaries
 
 from data_gen import dataset_config
 from data_gen.config import Perturbation, ReliefConfig
@@ -115,8 +115,16 @@ def test_another_configuration_is_refused(copied, key):
     assert (copied / "config.json").read_bytes() == before
 
 
+def test_other_ranges_of_benches_are_refused(folder):
+    config = captures(4)
+    build(folder, config, factory())
+    wider = config.bench.model_copy(update={"camera": config.bench.camera.model_copy(update={"psf_px": (0.0, 1.5)})})
+    with pytest.raises(MismatchError, match=r"bench.camera.psf_px \[0.0, 1.0\] -> \[0.0, 1.5\]"):
+        build(folder, config.model_copy(update={"bench": wider}), factory())
+
+
 def test_every_key_of_the_configuration_is_tried():
-    assert {*CHANGES, "denoiser"} == set(DatasetConfig.model_fields)
+    assert {*CHANGES, "bench", "denoiser"} == set(DatasetConfig.model_fields)
 
 
 def test_both_values_are_named_and_growing_is_explained(copied):
