@@ -33,10 +33,10 @@ import yaml
 
 from benchmarks.learned import VARIANTS, Cells
 from benchmarks.spread_fit import Kept, print_fits
-from data_gen.suites.conditions import CONDITIONS, Condition, seen
-from data_gen.suites.odd_prints import printed
 from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from data_gen.patterns import draw_strokes
+from data_gen.suites.conditions import CONDITIONS, Condition, seen
+from data_gen.suites.odd_prints import printed
 from data_gen.testset import DEVELOPMENT_FIELDS, TEST_PHOTONS, fields_config
 from nets.evaluation.alignment import aligned_rmse_um
 from nets.reconstruct.methods import create

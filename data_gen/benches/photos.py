@@ -7,8 +7,8 @@ import torch
 
 from data_gen.bench_ranges import CameraRanges
 from data_gen.benches.columns import BenchBatch
-from warp_caustics.camera.mosaic import demosaicked, mosaicked
 from warp_caustics.camera.form import CameraForm
+from warp_caustics.camera.mosaic import demosaicked, mosaicked
 from warp_caustics.camera.operator import channels, even, placed
 from warp_caustics.camera.parameters import CameraParameters
 from warp_caustics.camera.placement import Frame

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from data_gen.suites.conditions import Condition
 from data_gen.config import PatternConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig, sample_generator
+from data_gen.suites.conditions import Condition
 from data_gen.testset import TEST_PHOTONS
 from warp_caustics.camera.config import CameraConfig
 from warp_caustics.scene import Scene

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from data_gen.config import CurvesConfig, MeandersConfig, PatternConfig, ReliefConfig
+from data_gen.making import Making
 from data_gen.suites.case import SHARP_PHOTONS, Case, Plate, bench_plates
 from data_gen.suites.one_thing import lamp_at
 from data_gen.suites.print_shapes import fibre_caps
-from data_gen.config import CurvesConfig, MeandersConfig, PatternConfig, ReliefConfig
-from data_gen.making import Making
 from warp_caustics.camera.config import CameraConfig, SensorConfig
 from warp_caustics.scene import Scene
 

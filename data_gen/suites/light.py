@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from data_gen.suites.case import Case
-from data_gen.suites.odd_prints import printed
 from data_gen.dataset_config import PhotonConfig, sample_seed
 from data_gen.samples import Reliefs
+from data_gen.suites.case import Case
+from data_gen.suites.odd_prints import printed
 from warp_caustics.height_field import cell_centres
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator

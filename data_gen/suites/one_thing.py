@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from data_gen.config import CurvesConfig, DropsConfig, MeandersConfig, PatternConfig, ReliefConfig, RingsConfig
 from data_gen.suites.case import Case, Plate, bench_plates
 from data_gen.suites.conditions import CONDITIONS, Condition
-from data_gen.config import CurvesConfig, DropsConfig, MeandersConfig, PatternConfig, ReliefConfig, RingsConfig
 from warp_caustics.scene import Scene
 
 SEED = 20_261_201

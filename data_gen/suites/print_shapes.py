@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from data_gen.suites.case import Case, Plate, bench_plates
 from data_gen.config import (
     CurvesConfig,
     DropsConfig,
@@ -16,6 +15,7 @@ from data_gen.config import (
     TextConfig,
 )
 from data_gen.making import Making
+from data_gen.suites.case import Case, Plate, bench_plates
 
 SEED = 20_261_202
 PLATES = 5

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from data_gen.dataset_config import sample_seed
 from data_gen.suites.case import Case
 from data_gen.suites.conditions import seen
 from data_gen.suites.light import ImageArray, Light, bench_angles, true_heights
-from data_gen.dataset_config import sample_seed
 from warp_caustics.camera.operator import Camera
 from warp_caustics.camera.photographs import FULL_SCALE, Photographs, photographs
 from warp_caustics.capture.radiometric import capture_to_irradiance

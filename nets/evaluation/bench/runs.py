@@ -5,9 +5,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from data_gen.dataset_config import PhotonConfig
 from data_gen.suites.case import Case
 from data_gen.suites.light import Light
-from data_gen.dataset_config import PhotonConfig
 from nets.evaluation.bench.fields import case_field
 from nets.evaluation.bench.scores import bench_scores
 from nets.evaluation.cells import Cell, CellStore

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_gen.dataset_config import DatasetConfig, sample_seed
+from data_gen.samples import Reliefs
 from data_gen.suites import lab
 from data_gen.suites.light import bench_angles, channel_moves, channel_scenes, true_heights
 from data_gen.suites.one_thing import DIFFERENCES
 from data_gen.suites.suites import SUITES, find_suite, suite_cases
-from data_gen.dataset_config import DatasetConfig, sample_seed
-from data_gen.samples import Reliefs
 from data_gen.testset import field_heights, fields_config
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene

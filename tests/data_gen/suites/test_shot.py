@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from data_gen.dataset_config import PhotonConfig
 from data_gen.suites.light import Light
 from data_gen.suites.shot import measured, photographed
 from data_gen.suites.suites import suite_cases
-from data_gen.dataset_config import PhotonConfig
 from data_gen.testset import TEST_PHOTONS, field_images
 
 
