@@ -47,3 +47,25 @@ class CudaGraph:
         self.graph.replay()
         output: torch.Tensor = self.output
         return output.clone()
+
+
+class Replays:
+    """CUDA graphs of calls, by their name and batch size.
+
+    A call is recorded when it comes for the second time. Not at the first: recording costs a tenth of a second, and many
+    simulators are called once.
+    """
+
+    def __init__(self) -> None:
+        self._calls: dict[tuple[str, int], int] = {}
+        self._graphs: dict[tuple[str, int], CudaGraph] = {}
+
+    def __call__(self, name: str, call: Callable[..., torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
+        """Result of a call, through its graph where there is one."""
+        key = name, inputs[0].shape[0]
+        self._calls[key] = self._calls.get(key, 0) + 1
+        if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
+            return call(*inputs)
+        if key not in self._graphs:
+            self._graphs[key] = CudaGraph(call, inputs)
+        return self._graphs[key](*inputs)

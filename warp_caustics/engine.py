@@ -19,7 +19,7 @@ import torch
 import warp as wp
 
 from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array, warp_stream
-from warp_caustics.cuda_graph import CudaGraph
+from warp_caustics.cuda_graph import Replays
 from warp_caustics.fused import FusedPhotons
 from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
@@ -29,7 +29,7 @@ from warp_caustics.kernels.splat import splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
 from warp_caustics.optics import Optics
-from warp_caustics.photons import Chunk, PhotonPlan
+from warp_caustics.photons import Chunk, PhotonPlan, sorted_by_cell
 from warp_caustics.scene import Profile, Scene
 
 MAX_GRAPH_PHOTONS = 2**22
@@ -82,8 +82,7 @@ class Engine:
         self._photons: dict[tuple[int, int], Any] = {}
         self._axes: dict[Chunk, torch.Tensor] = {}
         self._lattices: dict[Chunk, Any] = {}
-        self._calls: dict[tuple[str, int], int] = {}
-        self._graphs: dict[tuple[str, int], CudaGraph] = {}
+        self._replays = Replays()
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -105,7 +104,7 @@ class Engine:
         other.scene = scene
         other.optics = Optics(scene, self.plan, self.smoothing, self.profile, self.device, self.dtype, spectra)
         other.tracer = trace_kernels(self.warp_dtype, other.optics.effects)
-        other._photons, other._lattices, other._calls, other._graphs = {}, {}, {}, {}
+        other._photons, other._lattices, other._replays = {}, {}, Replays()
         return other
 
     @cached_property
@@ -340,14 +339,8 @@ class Engine:
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
         is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused and self.fused.is_wide and not self.plan.is_grid
-        return self._sorted_by_cell(positions) if is_sorted else positions
-
-    def _sorted_by_cell(self, positions: torch.Tensor) -> torch.Tensor:
-        """The same photons, neighbours together: wide footprints then share cache lines (small ones would collide)."""
-        n = self.scene.height_samples
-        pitch = torch.tensor(self.scene.sample_pitch_m, dtype=positions.dtype, device=positions.device)
-        cell = (positions / pitch).floor().long() + n
-        return positions[(cell[:, 1] * 2 * n + cell[:, 0]).argsort()].contiguous()
+        # Wide footprints then share cache lines; small ones would collide.
+        return sorted_by_cell(positions, self.scene) if is_sorted else positions
 
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
         """Chunks of photons for a batch of height fields in bounded memory, with their positions [N, 2]."""
@@ -360,30 +353,17 @@ class Engine:
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
-        return self._replayed("image", self._image, heights) if self._is_small(heights) else self._image(heights)
+        return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
         if self._is_small(heights):
-            return self._replayed("adjoint", self._image_adjoint, heights, grad_image)
+            return self._replays("adjoint", self._image_adjoint, heights, grad_image)
         return self._image_adjoint(heights, grad_image)
 
     def _is_small(self, heights: torch.Tensor) -> bool:
         """Whether starting the launches one by one would take longer than running them."""
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
-
-    def _replayed(self, name: str, call: Callable[..., torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
-        """Result of a call through its CUDA graph, recorded when it comes with this batch size for the second time.
-
-        Not at the first: recording costs a tenth of a second, and many simulators are called once.
-        """
-        key = name, inputs[0].shape[0]
-        self._calls[key] = self._calls.get(key, 0) + 1
-        if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
-            return call(*inputs)
-        if key not in self._graphs:
-            self._graphs[key] = CudaGraph(call, inputs)
-        return self._graphs[key](*inputs)
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
         m = self.scene.image_pixels

@@ -142,3 +142,16 @@ class PhotonPlan:
             device=wp.device_from_torch(device),
         )
         return positions
+
+
+def sorted_by_cell(positions: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """The same photons, those of a cell of the relief together.
+
+    Args:
+        positions: starting points [m], shape [N, 2].
+        scene: gives the cells.
+    """
+    n = scene.height_samples
+    pitch = torch.tensor(scene.sample_pitch_m, dtype=positions.dtype, device=positions.device)
+    cell = (positions / pitch).floor().long() + n
+    return positions[(cell[:, 1] * 2 * n + cell[:, 0]).argsort()].contiguous()
