@@ -52,8 +52,8 @@ class CudaGraph:
 class Replays:
     """CUDA graphs of calls, by their name and batch size.
 
-    A call is recorded when it comes for the second time. Not at the first: recording costs a tenth of a second, and many
-    simulators are called once.
+    A call is recorded when it comes for the second time. Not at the first: recording costs a tenth of a second, and
+    many simulators are called once.
     """
 
     def __init__(self) -> None:
