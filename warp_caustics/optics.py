@@ -123,6 +123,8 @@ class Optics:
         rows = (wp.from_torch(row, requires_grad=False) for row in spectra)
         self._eta, self._ratio, self._radiosity, self._flat_share = rows
         self._struct = photons_struct(warp_dtype)
+        # A tape looks into every array of a struct.
+        self._nothing = wp.empty((0, 0, 0), dtype=wp.uint8, device=wp.device_from_torch(device))
         self.flat_sigma_px = flat_sigma_m(scene, smoothing, plan.count) / scene.pixel_size_m[0]
         self.shared = _shared(optics_struct(warp_dtype)(), scene, plan, smoothing, profile)
 
@@ -137,6 +139,7 @@ class Optics:
         photons.samples = self.scene.height_samples
         photons.eta, photons.ratio, photons.radiosity = self._eta, self._ratio, self._radiosity
         photons.flat_share = self._flat_share
+        photons.clear = self._nothing
         photons.optics = self.shared
         return photons
 

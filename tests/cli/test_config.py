@@ -10,7 +10,7 @@ from cli.config import Config, config_path, dataset_config, dump_config, load_co
 from data_gen.config import RasterConfig, ReliefConfig, RingsConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER
 from warp_caustics.errors import InputError
-from warp_caustics.scene import Scene
+from warp_caustics.scene import LATER_FIELDS, Scene
 
 
 def load(tmp_path, text, *settings):
@@ -218,8 +218,11 @@ def test_sections_that_are_off_are_switched_on_by_a_key_and_off_by_null():
         load_config(None, ["reliefs.making.contact_angle_rad=[1, 2]"])
 
 
-def test_making_that_is_off_is_not_in_the_fingerprint():
-    """Results name the fingerprint of configurations from before prints could be made otherwise."""
+def test_what_is_off_is_not_in_the_fingerprint():
+    """Results name the fingerprint of configurations from before prints could be made otherwise, and benches drawn."""
     tree = Config().model_dump(mode="json")
     assert tree["reliefs"].pop("making") is None
+    assert tree["data"].pop("bench") is None
+    for field in LATER_FIELDS:
+        tree["scene"].pop(field)
     assert Config().fingerprint() == hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()

@@ -64,7 +64,7 @@ def test_nobody_else_gives_the_role():
     said = [
         path for path in sources if re.search(r"""role["']?\s*[=:]\s*["']bench""", path.read_text(encoding="utf-8"))
     ]
-    assert said == [root / "data_gen" / "bench" / "case.py"]
+    assert said == [root / "data_gen" / "suites" / "case.py"]
 
 
 def test_a_plate_of_the_role_is_another_plate():

@@ -13,9 +13,9 @@ def test_legs_of_files_from_before_legs_were_recorded():
     (path,) = [path for path in shipped_weights() if path.name == "direct.safetensors"]
     info = weights_info(path)
     legs = origin.legs_before(info)
-    assert [leg["content_hash"] for leg in legs] == [info.training["initial_weights"], info.content_hash]
+    assert [leg["content_hash"] for leg in legs[-2:]] == [info.training["initial_weights"], info.content_hash]
     assert "before legs were recorded" in legs[0]["note"]
-    assert legs[1]["steps"] == info.training["steps"] and legs[1]["reliefs"] == info.training["reliefs"]
+    assert legs[-1]["steps"] == info.training["steps"] and legs[-1]["reliefs"] == info.training["reliefs"]
 
 
 def test_commit_of_a_checkout_and_none_elsewhere(tmp_path, monkeypatch):

@@ -204,7 +204,7 @@ def test_derivative_by_each_parameter(scene, image, field, kind):
 @pytest.mark.parametrize("turns", [False, True])
 def test_derivative_by_a_shift_where_pixels_lie_half_a_pixel_off(scene, image, config, turns):
     """There the middle of a spline is an edge; its tail was the minimum of two equal numbers, without a derivative."""
-    model = Camera(config, scene, dtype=torch.float64, is_free=turns)
+    model = Camera(config, scene, dtype=torch.float64, free=("shift_px", "turn_rad") if turns else ("shift_px",))
 
     def shown(shift):
         return model(image, model.parameters._replace(shift_px=shift))
