@@ -1,7 +1,5 @@
 """``nsfc compare``: every method on the same images, scored against the truth."""
 
-import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from cli.console import Console, about
+from cli.cells import CellProgress
+from cli.console import Console
 from cli.options import config_options, device_option, integer, json_option, number
-from cli.parts_progress import QUIET_S, parts_progress
+from cli.parts_progress import parts_progress
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from data_gen.dataset_config import PhotonConfig
-    from nets.evaluation.cells import Cell
     from nets.evaluation.fields import Source
     from nets.evaluation.method_spec import MethodSpec
     from warp_caustics.scene import Scene
@@ -135,7 +133,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     if job.jobs > 1:
         console.warn(f"{job.jobs} jobs share this machine, so times are longer than those of one")
     missing = {cell.key: cell for cell in cells if job.force or store.record(cell.key) is None}
-    progress = _Progress(console, list(missing.values()))
+    progress = CellProgress(console, list(missing.values()))
     try:
         records = run_cells(setup, cells, jobs=job.jobs, force=job.force, report=progress)
     except KeyboardInterrupt:
@@ -165,63 +163,6 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     if failed:
         console.warn(f"{len(failed)} of {len(records)} cells failed: {failure_reasons(failed)}")
     return worst_code(failed) if len(failed) == len(records) else 0
-
-
-class _Progress:
-    """A line for every cell computed; once all methods have been seen, the time left as well.
-
-    Args:
-        console: of the command.
-        cells: to be computed.
-    """
-
-    def __init__(self, console: Console, cells: "Sequence[Cell]"):
-        self.console, self.total, self.done = console, len(cells), 0
-        self.left = Counter(map(_kind, cells))
-        self.times_s: dict[tuple[str, str], list[float]] = {}
-        self.start_s = time.monotonic()
-
-    def __call__(self, cell: "Cell", record: Mapping[str, Any]) -> None:
-        self.done += 1
-        self.left[_kind(cell)] -= 1
-        # What failed at once tells nothing of how long others take; yet another will hardly do better.
-        self.times_s.setdefault(_kind(cell), []).append(float(record.get("time_s") or 0.0))
-        if record["status"] == "failed":
-            self.console.warn(f"{cell.title}: failed, {record['reason']}")
-        elif not self.console.as_json:
-            scores = record["scores"]
-            click.echo(
-                f"[{self.done} of {self.total}] {cell.title}: RMSE {scores['rmse_um']:.4g} um, "
-                f"{record['time_s']:.3g} s{self._ahead()}",
-                err=True,
-            )
-
-    def _ahead(self) -> str:
-        """Methods differ a thousandfold: each counts with its own mean, and nothing is said before all are known."""
-        left_s = remaining_s(self.left, self.times_s, time.monotonic() - self.start_s)
-        return "" if left_s is None else f", {about(left_s)} left"
-
-
-def _kind(cell: "Cell") -> tuple[str, str]:
-    """Cells of one kind take much the same time."""
-    return cell.spec.label, cell.budget
-
-
-def remaining_s(
-    left: Mapping[tuple[str, str], int], times_s: Mapping[tuple[str, str], Sequence[float]], spent_s: float
-) -> float | None:
-    """Time that cells still take [s]; None where it is not known, and where nothing or little is to be waited for.
-
-    Args:
-        left: how many of each kind (method, iterations) are to be computed.
-        times_s: what the methods took in those computed [s].
-        spent_s: on all of these, with images simulated again and scores, by all processes.
-    """
-    measured_s = sum(map(sum, times_s.values()))
-    if spent_s < QUIET_S or measured_s <= 0 or any(count and kind not in times_s for kind, count in left.items()):
-        return None
-    expected_s = sum(count * sum(times_s[kind]) / len(times_s[kind]) for kind, count in left.items() if count)
-    return expected_s * spent_s / measured_s or None
 
 
 def _photons(count: int | None) -> Any:

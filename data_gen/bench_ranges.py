@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from data_gen.config import PatternConfig, ReliefConfig
-from data_gen.intervals import CountInterval, Interval
+from data_gen.intervals import CountInterval, Interval, check_amount, check_order
 from warp_caustics.scene import MAX_LENGTH_M, Scene, validation_lines
 from warp_caustics.strict import Finite, Strict
 
@@ -20,19 +20,6 @@ MOST_SHIFT = 0.25
 """Of the window's width that a picture may be displaced by."""
 CONE_MARGIN = 1.05
 """By how much a point source's cone is wider than the plate, seen from the lamp."""
-
-
-def _ordered(value: tuple[float, float]) -> tuple[float, float]:
-    low, high = value
-    if low > high:
-        raise ValueError(f"lower end {low:g} is above upper end {high:g}; swap them, write [{high:g}, {low:g}]")
-    return value
-
-
-def _amount(value: tuple[float, float]) -> tuple[float, float]:
-    if value[0] < 0:
-        raise ValueError(f"lower end {value[0]:g} is below 0; give 0 for none")
-    return value
 
 
 def _share(value: tuple[float, float]) -> tuple[float, float]:
@@ -62,8 +49,8 @@ def _bits(value: tuple[int, int]) -> tuple[int, int]:
     return value
 
 
-Span = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
-Amount = Annotated[Span, AfterValidator(_amount)]
+Span = Annotated[tuple[Finite, Finite], AfterValidator(check_order)]
+Amount = Annotated[Span, AfterValidator(check_amount)]
 ShareSpan = Annotated[Amount, AfterValidator(_share)]
 PositiveSpan = Annotated[Span, AfterValidator(_above_zero)]
 DistanceSpan = Annotated[Span, AfterValidator(_distance)]

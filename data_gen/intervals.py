@@ -14,10 +14,16 @@ MOST_CHANGE = 0.9
 """A line that is thinner than a tenth of itself somewhere is no line."""
 
 
-def _check_interval(value: tuple[float, float]) -> tuple[float, float]:
+def check_order(value: tuple[float, float]) -> tuple[float, float]:
+    """The interval; ValueError if it is turned round."""
     low, high = value
     if low > high:
-        raise ValueError(f"lower end {low:g} is above upper end {high:g}; swap them")
+        raise ValueError(f"lower end {low:g} is above upper end {high:g}; swap them, write [{high:g}, {low:g}]")
+    return value
+
+
+def _check_interval(value: tuple[float, float]) -> tuple[float, float]:
+    low, high = check_order(value)
     if max(abs(low), abs(high)) > MAX_LENGTH_M:
         raise ValueError(f"({low:g}, {high:g}) m reaches beyond {MAX_LENGTH_M:g} m; give metres")
     return value
@@ -29,7 +35,8 @@ def _check_positive(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _check_amount(value: tuple[float, float]) -> tuple[float, float]:
+def check_amount(value: tuple[float, float]) -> tuple[float, float]:
+    """The interval; ValueError if it begins below 0."""
     if value[0] < 0:
         raise ValueError(f"lower end {value[0]:g} is below 0; give 0 for none")
     return value
@@ -80,7 +87,7 @@ def _check_some(value: tuple[int, int]) -> tuple[int, int]:
 
 Interval = Annotated[tuple[Finite, Finite], AfterValidator(_check_interval)]
 PositiveInterval = Annotated[Interval, AfterValidator(_check_positive)]
-AmountInterval = Annotated[Interval, AfterValidator(_check_amount)]
+AmountInterval = Annotated[Interval, AfterValidator(check_amount)]
 ShareInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_share)]
 AngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_angles)]
 ContactAngleInterval = Annotated[tuple[Finite, Finite], AfterValidator(_check_contact_angles)]

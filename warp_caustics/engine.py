@@ -13,7 +13,7 @@ import copy
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 import warp as wp
@@ -28,6 +28,7 @@ from warp_caustics.kernels.second_hits import second_hits_kernel
 from warp_caustics.kernels.splat import splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
+from warp_caustics.landings import Landings
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan, sorted_by_cell
 from warp_caustics.scene import Profile, Scene
@@ -37,19 +38,6 @@ MAX_GRAPH_PHOTONS = 2**22
 
 MAX_KEPT_PHOTONS = 2**25
 """Positions of at most so many photons are kept between calls."""
-
-
-class Landings(NamedTuple):
-    """What becomes of light paths; tensors on the engine's device."""
-
-    positions_px: torch.Tensor
-    """On the screen [px], shape [B, n_w, 2, N]."""
-    energies: torch.Tensor
-    """Flux for unit radiosity over the pixel's area, before the plate, shape [B, n_w, N]."""
-    shares: torch.Tensor
-    """Share of it that both faces let through, relative to a flat plate, shape [B, n_w, N]."""
-    fates: torch.Tensor
-    """Numbers of ``FATE_NAMES``, shape [B, n_w, N]."""
 
 
 class Engine:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from cli import parts_progress as module
-from cli.compare import remaining_s
+from cli.cells import remaining_s
 from cli.console import Console
 from cli.parts_progress import PartsPace, parts_progress
 
