@@ -24,7 +24,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
-DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 180}
+DEFAULT_ITERATIONS = {"cpu": 105, "cuda": 360}
 """By device, within the time that people wait for; 18 own fields keep improving to 480 (docs/learned.md)."""
 
 TRUSTED_M = 2e-6
@@ -50,7 +50,7 @@ class RefinementOptions(Strict):
     refine: bool = True
     """Whether to refine the network's answer at all."""
     refine_iterations: Annotated[int, Field(ge=1, le=10_000)] | None = None
-    """None: 105 on a CPU, each of which looks at one wavelength, 180 on a GPU."""
+    """None: 105 on a CPU, each of which looks at one wavelength, 360 on a GPU."""
     refine_pixels: Annotated[int, Field(ge=2)] | None = None
     """Image size at which to refine; None: all pixels on a GPU, at most 2n on a CPU."""
     refine_step_m: Annotated[float, Field(gt=0, le=1e-4, allow_inf_nan=False)] = 8e-6
