@@ -92,7 +92,7 @@ def measured(
         "draw benches": host_ms(lambda: benches.draw(ids), batch),
         "draw strokes": host_ms(lambda: [reliefs.kinds[benches.kinds.number(k)].strokes(k) for k in ids], batch),
         "scenes": host_ms(lambda: benches.scenes(drawn), batch),
-        "an engine for a scene": host_ms(lambda: [engine.on(scene) for scene in scenes], batch),
+        "an engine for a scene": host_ms(lambda: [engine.on([scene]) for scene in scenes], batch),
         "a simulator for a scene instead": host_ms(
             lambda: [CausticSimulator(one, device=device, n_photons=photons) for _ in range(3)], 3
         ),

@@ -4,13 +4,12 @@
 
 The first stage is linear: matrix products for a photon lattice (its adjoint
 then needs no atomics), a 4 x 4 gather otherwise. Photons are handled in chunks
-of bounded memory; the adjoint repeats the forward stages of a chunk instead of
-storing them. For collimated light all stages of a photon run in one kernel
-(``fused.py``); these here are the general form.
+of bounded memory. Images and their adjoints run all stages of a photon in one
+kernel (``fused.py``); the stages one by one are for tapes, tests and accounts of light.
 """
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -64,7 +63,7 @@ class Engine:
         self.surface = surface_kernels(self.warp_dtype)
         self.splatter = splat_kernels(self.warp_dtype, profile, device.type == "cpu")
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
-        self.optics = Optics(scene, plan, smoothing, profile, device, dtype)
+        self.optics = Optics([scene], plan, smoothing, profile, device, dtype)
         self.tracer = trace_kernels(self.warp_dtype, self.optics.effects)
         self._positions: dict[Chunk, torch.Tensor] = {}
         self._photons: dict[tuple[int, int], Any] = {}
@@ -75,11 +74,12 @@ class Engine:
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
 
-    def on(self, scene: Scene, spectra: torch.Tensor | None = None) -> "Engine":
+    def on(self, scenes: Sequence[Scene], spectra: torch.Tensor | None = None) -> "Engine":
         """The same plate, photons and window on another bench: a fifth of a millisecond instead of ten.
 
         Args:
-            scene: of the same plate size, numbers of samples, pixels and wavelengths.
+            scenes: one, or one for each relief of a batch, all with the same effects; of the same plate size, numbers
+                of samples, pixels and wavelengths.
             spectra: as of :class:`Optics`.
 
         Spline matrices and starting points of photons are shared.
@@ -89,8 +89,8 @@ class Engine:
         other = copy.copy(self)
         for name in ("in_double_precision", "fused"):
             other.__dict__.pop(name, None)
-        other.scene = scene
-        other.optics = Optics(scene, self.plan, self.smoothing, self.profile, self.device, self.dtype, spectra)
+        other.scene = scenes[0]
+        other.optics = Optics(scenes, self.plan, self.smoothing, self.profile, self.device, self.dtype, spectra)
         other.tracer = trace_kernels(self.warp_dtype, other.optics.effects)
         other._photons, other._lattices, other._replays = {}, {}, Replays()
         return other
@@ -280,10 +280,8 @@ class Engine:
     # -- everything -------------------------------------------------------------------------------------------
 
     @cached_property
-    def fused(self) -> FusedPhotons | None:
-        """The fast path for collimated light from straight above."""
-        if not self.scene.is_collimated or self.scene.is_tilted:
-            return None
+    def fused(self) -> FusedPhotons:
+        """All stages of a photon in one kernel."""
         return FusedPhotons(self.optics, self.plan, self.device, self.dtype, self.profile)
 
     def reseed(self, seed: int, role: str) -> None:
@@ -326,7 +324,7 @@ class Engine:
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
-        is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused and self.fused.is_wide and not self.plan.is_grid
+        is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused.is_wide and not self.plan.is_grid
         # Wide footprints then share cache lines; small ones would collide.
         return sorted_by_cell(positions, self.scene) if is_sorted else positions
 
@@ -336,7 +334,7 @@ class Engine:
             yield chunk, self.positions(chunk)
 
     def _bytes_per_photon(self, batch: int) -> int:
-        planes = len(MAP_NAMES) + self.scene.n_wavelengths * (1 if self.fused else len(RECORD_NAMES))
+        planes = len(MAP_NAMES) + self.scene.n_wavelengths
         return batch * planes * self.dtype.itemsize
 
     def image(self, heights: torch.Tensor) -> torch.Tensor:
@@ -354,35 +352,18 @@ class Engine:
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
-        m = self.scene.image_pixels
-        batch, fused = heights.shape[0], self.fused
-        coefficients = self.coefficients(heights)
+        coefficients, fused = self.coefficients(heights), self.fused
 
         def add(image: torch.Tensor, chunk: Chunk) -> None:
-            if fused:
-                fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
-                return
-            positions = self.positions(chunk)
-            photons = self.told(coefficients, self.photons(positions))
-            self.splat(self.records(self.maps(coefficients, chunk, positions), positions, photons), image)
+            fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        if fused:
-            return fused.unpacked(self._sum(fused.image_shape(batch), add))
-        return self._sum((batch, self.scene.n_wavelengths, m, m), add)
+        return fused.unpacked(self._sum(fused.image_shape(heights.shape[0]), add))
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         coefficients, fused = self.coefficients(heights), self.fused
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
-            if fused:
-                grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk, coefficients), grad_image)
-            else:
-                positions = self.positions(chunk)
-                maps = self.maps(coefficients, chunk, positions)
-                photons = self.told(coefficients, self.photons(positions))
-                records = self.records(maps, positions, photons)
-                grad_records = self.splat_adjoint(records, grad_image)
-                grad_maps = self.records_adjoint(maps, positions, records, grad_records, photons)
+            grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk, coefficients), grad_image)
             grad += self.maps_adjoint(coefficients, chunk, grad_maps)
 
         return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add))

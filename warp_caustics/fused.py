@@ -1,4 +1,4 @@
-"""The fast path for collimated light: a photon from surface to pixels in one kernel."""
+"""A photon from surface to pixels in one kernel, and back."""
 
 from typing import Any
 

@@ -1,7 +1,8 @@
 """Plates on benches of their own: a batch in which every relief has another scene.
 
-Kernels take one scene per launch, so a batch is a launch for each relief. What a simulator is made of that costs time,
-spline matrices and photons, depends on the plate and on grids alone and is shared; a scene's own numbers are a struct.
+What a simulator is made of that costs time, spline matrices and photons, depends on the plate and on grids alone and is
+shared; a scene's own numbers are a struct. On a GPU reliefs whose scenes have the same effects are one launch with a
+struct for each; on a CPU each is a launch of its own, so that an image does not depend on its neighbours' number.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,8 @@ from typing import Any
 import torch
 
 from warp_caustics.errors import InputError
-from warp_caustics.optics import spectra_of
+from warp_caustics.kernels.effects import Effects
+from warp_caustics.optics import effects_of, spectra_of
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -21,6 +23,7 @@ class ManyScenes:
     Attributes:
         simulator: of the scene that all others have the plate's size and the numbers of samples, pixels and wavelengths
             from; its photons are those of all.
+        at_once: reliefs with the same photons and effects are one launch.
     """
 
     def __init__(self, scene: Scene, *, device: str | torch.device = "cpu", **photons: Any):
@@ -32,6 +35,7 @@ class ManyScenes:
             photons: options of :class:`CausticSimulator`.
         """
         self.simulator = CausticSimulator(scene, device=device, **photons)
+        self.at_once = self.simulator.device.type == "cuda"
 
     @torch.no_grad()
     def __call__(
@@ -52,17 +56,40 @@ class ManyScenes:
         for scene in scenes:
             self._check(scene)
         engine, dtype = self.simulator.engine, self.simulator.dtype
+        m = engine.scene.image_pixels
+        images = heights.new_empty(len(scenes), engine.scene.n_wavelengths, m, m)
         if not scenes:
-            return heights.new_empty(0, engine.scene.n_wavelengths, *(engine.scene.image_pixels,) * 2)
+            return images
         table = torch.tensor([spectra_of(scene) for scene in scenes], dtype=dtype)
         if engine.device.type == "cuda":
             table = table.pin_memory().to(engine.device, non_blocking=True)
-        images = []
-        for row, (scene, spectra) in enumerate(zip(scenes, table, strict=True)):
-            if seeds is not None and self.simulator.plan.placement != "lattice":
-                self.simulator.reseed(seeds[row])
-            images.append(engine.on(scene, spectra).image(heights[row : row + 1].contiguous()))
-        return torch.cat(images)
+        is_lattice = self.simulator.plan.placement == "lattice"
+        for rows in self._launches(scenes, is_lattice or seeds is None):
+            if seeds is not None and not is_lattice:
+                self.simulator.reseed(seeds[rows[0]])
+            some, spectra, reliefs = [scenes[row] for row in rows], table, heights
+            if len(rows) < len(scenes):
+                # A range is a view; a list would wait for the device.
+                here = slice(rows[0], rows[0] + 1) if len(rows) == 1 else self._index(rows)
+                spectra, reliefs = table[here], heights[here]
+                images[here] = engine.on(some, spectra).image(reliefs.contiguous())
+            else:
+                images = engine.on(some, spectra).image(reliefs.contiguous())
+        return images
+
+    def _launches(self, scenes: Sequence[Scene], same_photons: bool) -> list[list[int]]:
+        """Reliefs to simulate at once: those with the same effects, or each alone."""
+        if not (self.at_once and same_photons):
+            return [[row] for row in range(len(scenes))]
+        groups: dict[Effects, list[int]] = {}
+        for row, scene in enumerate(scenes):
+            groups.setdefault(effects_of(scene), []).append(row)
+        return list(groups.values())
+
+    def _index(self, rows: list[int]) -> torch.Tensor:
+        index = torch.tensor(rows)
+        device = self.simulator.device
+        return index.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else index
 
     def _check(self, scene: Scene) -> None:
         shared = self.simulator.scene

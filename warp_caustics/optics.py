@@ -1,8 +1,10 @@
 """A scene and a photon plan as the kernels see them: the structs of ``kernels/photons.py``, filled in."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 
@@ -38,7 +40,13 @@ def footprint_sigma_m(scene: Scene, smoothing: float, n_photons: int) -> float:
 def effects_of(scene: Scene) -> Effects:
     """Effects that a scene asks for."""
     has_lamp = scene.lamp_half_angle_rad > 0 or scene.lamp_radius_m > 0
-    return Effects(fresnel=scene.fresnel, lamp=has_lamp, tilt=scene.is_tilted, second_hits=scene.second_hits == "lost")
+    return Effects(
+        fresnel=scene.fresnel,
+        lamp=has_lamp,
+        tilt=scene.is_tilted,
+        point=not scene.is_collimated,
+        second_hits=scene.second_hits == "lost",
+    )
 
 
 def lamp_sigma(scene: Scene) -> float:
@@ -88,15 +96,15 @@ class Optics:
     """What is the same for all photons of a plan, made once.
 
     Attributes:
-        scene: where it comes from.
+        scene: where it comes from; of several, the first.
         effects: what kernels are built with.
-        flat_sigma_px: standard deviation of a flat plate's footprints along x [px].
+        flat_sigma_px: standard deviation of a flat plate's footprints along x [px]; of several scenes the widest.
         shared: struct ``Optics``; :meth:`photons` copies it.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        scenes: Sequence[Scene],
         plan: PhotonPlan,
         smoothing: float,
         profile: Profile,
@@ -107,26 +115,36 @@ class Optics:
         """Fill the structs.
 
         Args:
-            scene: the set-up.
+            scenes: one set-up, or one for each relief of a batch, all with the same effects.
             plan: gives the number of photons.
             smoothing: s.
             profile: of the footprints.
             device: of the arrays.
             dtype: of everything.
-            spectra: :func:`spectra_of` the scene on the device, where somebody has copied those of many scenes at
-                once; a copy waits for the device.
+            spectra: :func:`spectra_of` each scene on the device, shape [S, 4, n_w], where somebody has copied those of
+                many scenes at once; a copy waits for the device.
         """
-        self.scene, self.effects = scene, effects_of(scene)
+        self.scene = scene = scenes[0]
+        self.effects = effects_of(scene)._replace(many_benches=len(scenes) > 1)
         warp_dtype = dtype_of(torch.finfo(dtype).bits)
         if spectra is None:
-            spectra = torch.tensor(spectra_of(scene), dtype=dtype, device=device)
-        rows = (wp.from_torch(row, requires_grad=False) for row in spectra)
-        self._eta, self._ratio, self._radiosity, self._flat_share = rows
-        self._struct = photons_struct(warp_dtype)
+            spectra = torch.tensor([spectra_of(one) for one in scenes], dtype=dtype, device=device)
+        self._spectra = wp.from_torch(spectra.contiguous(), requires_grad=False)
+        self._struct, struct = photons_struct(warp_dtype), optics_struct(warp_dtype)
+        numbers = [_numbers(one, plan, smoothing, profile) for one in scenes]
+        self.shared = struct()
+        for name, value in numbers[0].items():
+            setattr(self.shared, name, value)
         # A tape looks into every array of a struct.
-        self._nothing = wp.empty((0, 0, 0), dtype=wp.uint8, device=wp.device_from_torch(device))
-        self.flat_sigma_px = flat_sigma_m(scene, smoothing, plan.count) / scene.pixel_size_m[0]
-        self.shared = _shared(optics_struct(warp_dtype)(), scene, plan, smoothing, profile)
+        warp_device = wp.device_from_torch(device)
+        self._nothing = wp.empty((0, 0, 0), dtype=wp.uint8, device=warp_device)
+        self._table, self._benches = None, wp.empty(0, dtype=struct, device=warp_device)
+        if len(scenes) > 1:
+            self._table = _table(struct, numbers, device)
+            pointer = self._table.data_ptr()
+            self._benches = wp.array(ptr=pointer, dtype=struct, shape=(len(scenes),), device=warp_device)
+        sigma = max(flat_sigma_m(one, smoothing, plan.count) for one in scenes)
+        self.flat_sigma_px = sigma / scene.pixel_size_m[0]
 
     def photons(self, positions: torch.Tensor, count: int | None = None, columns: int = 0) -> Any:
         """Struct ``Photons`` of photons at positions [N, 2] [m]; for a lattice by its axes with count and columns."""
@@ -137,10 +155,10 @@ class Optics:
         pitch_x, pitch_y = self.scene.sample_pitch_m
         photons.samples_per_m_x, photons.samples_per_m_y = 1 / pitch_x, 1 / pitch_y
         photons.samples = self.scene.height_samples
-        photons.eta, photons.ratio, photons.radiosity = self._eta, self._ratio, self._radiosity
-        photons.flat_share = self._flat_share
+        photons.spectra = self._spectra
         photons.clear = self._nothing
         photons.optics = self.shared
+        photons.benches = self._benches
         return photons
 
     def with_clear(self, photons: Any, clear: torch.Tensor) -> Any:
@@ -156,32 +174,47 @@ class Optics:
         return self._struct()
 
 
-def _shared(optics: Any, scene: Scene, plan: PhotonPlan, smoothing: float, profile: Profile) -> Any:
-    """Fills a struct ``Optics``."""
+def _table(struct: Any, numbers: list[dict[str, Any]], device: torch.device) -> torch.Tensor:
+    """Structs ``Optics`` as bytes [S, size] on a device, copied without waiting for it."""
+    layout = struct.numpy_dtype()
+    table = np.zeros(len(numbers), dtype=layout)
+    for name in numbers[0]:
+        table[name] = [row[name] for row in numbers]
+    held = torch.from_numpy(table.view(np.uint8).reshape(len(numbers), -1))
+    return held.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else held
+
+
+def _numbers(scene: Scene, plan: PhotonPlan, smoothing: float, profile: Profile) -> dict[str, Any]:
+    """Members of a struct ``Optics``."""
     width, length = scene.plate_size_m
     pixel_x, pixel_y = scene.pixel_size_m
-    optics.base = scene.base_thickness_m
-    optics.gap = -scene.screen_position_m[2]
-    optics.window_x = scene.screen_position_m[0] - width / 2
-    optics.window_y = scene.screen_position_m[1] - length / 2
-    optics.pixels_per_m_x, optics.pixels_per_m_y = 1 / pixel_x, 1 / pixel_y
-    optics.image_pixels = scene.image_pixels
-    optics.sigma0 = footprint_sigma_m(scene, smoothing, plan.count)
-    optics.half_x, optics.half_y = width / 2, length / 2
+    flat = flat_sigma_m(scene, smoothing, plan.count)
+    flat_pixels = math.prod(2 * REACH[profile] * flat / size + 1 for size in (pixel_x, pixel_y))
     # A photon at distance a from an edge of the plate has its footprint squeezed to a / squeeze across it.
     # That moves a sixth of a lattice cell's light to its neighbour, which must not show: only inside a pixel.
     is_fine = plan.count >= scene.image_pixels**2
-    optics.squeeze = REACH[profile] if plan.placement == "lattice" and is_fine else 0.0
-    optics.min_var = MIN_SIGMA_PX**2
-    optics.max_var = (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2
-    flat = flat_sigma_m(scene, smoothing, plan.count)
-    flat_pixels = math.prod(2 * REACH[profile] * flat / size + 1 for size in (pixel_x, pixel_y))
-    optics.wide_pixels = max(WIDE_PIXELS, 4 * flat_pixels)
-    optics.area = scene.plate_area_m2 / plan.count / (pixel_x * pixel_y)
-    optics.lamp_var = lamp_sigma(scene) ** 2
-    optics.tilt = scene.light_direction
-    optics.is_point = int(not scene.is_collimated)
-    optics.light_x, optics.light_y, optics.light_z = scene.light_position_m
-    optics.light_distance = scene.light_distance_m
-    optics.cos_cone = math.cos(scene.emission_half_angle_rad)
-    return optics
+    light_x, light_y, light_z = scene.light_position_m
+    return {
+        "base": scene.base_thickness_m,
+        "gap": -scene.screen_position_m[2],
+        "window_x": scene.screen_position_m[0] - width / 2,
+        "window_y": scene.screen_position_m[1] - length / 2,
+        "pixels_per_m_x": 1 / pixel_x,
+        "pixels_per_m_y": 1 / pixel_y,
+        "image_pixels": scene.image_pixels,
+        "sigma0": footprint_sigma_m(scene, smoothing, plan.count),
+        "half_x": width / 2,
+        "half_y": length / 2,
+        "squeeze": REACH[profile] if plan.placement == "lattice" and is_fine else 0.0,
+        "min_var": MIN_SIGMA_PX**2,
+        "max_var": (MAX_SIGMA_FRACTION * scene.image_pixels) ** 2,
+        "wide_pixels": max(WIDE_PIXELS, 4 * flat_pixels),
+        "area": scene.plate_area_m2 / plan.count / (pixel_x * pixel_y),
+        "lamp_var": lamp_sigma(scene) ** 2,
+        "tilt": scene.light_direction,
+        "light_x": light_x,
+        "light_y": light_y,
+        "light_z": light_z,
+        "light_distance": scene.light_distance_m,
+        "cos_cone": math.cos(scene.emission_half_angle_rad),
+    }

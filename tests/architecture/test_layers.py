@@ -169,7 +169,7 @@ def test_the_check_tells_circles_apart():
 @pytest.mark.parametrize(
     ("source", "target", "wrong"),
     [
-        ("warp_caustics.scene", "warp_caustics.kernels.trace", True),
+        ("warp_caustics.scene", "warp_caustics.kernels.general", True),
         ("warp_caustics.engine", "warp_caustics.scene", False),
         ("warp_caustics.reconstruct.base", "warp_caustics.reconstruct.methods", True),
         ("nets.training.fit", "nets.reconstruct.direct", True),

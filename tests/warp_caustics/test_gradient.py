@@ -168,7 +168,7 @@ def test_chunks_change_nothing(placement, name, monkeypatch):
     scene, heights = SCENES[name], relief_of(name)
     weights = random_image(scene)
     whole = gradient(make(scene, placement), heights, weights)
-    monkeypatch.setitem(CHUNK_BYTES, "cpu", 24 * 8 * 37)
+    monkeypatch.setitem(CHUNK_BYTES, "cpu", 9 * 8 * 37)
     simulator = make(scene, placement)
     assert len(list(simulator.engine.chunks(1))) > 10
     for found, expected in zip(gradient(simulator, heights, weights), whole, strict=True):

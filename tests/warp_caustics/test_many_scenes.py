@@ -47,10 +47,10 @@ def test_an_engine_of_another_bench_leaves_the_first_as_it_was():
     simulator = CausticSimulator(scenes()[0], n_photons=4096, dtype=torch.float64)
     height = reliefs(torch.float64)[0]
     before = simulator(height)
-    other = simulator.engine.on(scenes()[3])
+    other = simulator.engine.on([scenes()[3]])
     other.image(height[None])
     assert torch.equal(simulator(height), before)
-    assert other.scene is not simulator.engine.scene and other.fused is None and simulator.engine.fused
+    assert other.scene is not simulator.engine.scene
 
 
 def test_another_plate_is_refused():
@@ -59,3 +59,37 @@ def test_another_plate_is_refused():
         many(reliefs()[:1], [Scene(height_samples=24, image_pixels=64)])
     with pytest.raises(InputError, match="2 scenes for 1 reliefs"):
         many(reliefs()[:1], scenes()[:2])
+
+
+ALL_EFFECTS = {"fresnel": True, "second_hits": "lost"}
+PAIRS = {
+    "straight": ({}, {"base_thickness_m": 3.3e-3, "index_offset": 0.01, "screen_position_m": (1e-4, -2e-4, -2e-3)}),
+    "straight, all effects": (
+        ALL_EFFECTS | {"lamp_half_angle_rad": 0.01},
+        ALL_EFFECTS | {"lamp_half_angle_rad": 0.03, "base_thickness_m": 3.3e-3, "dispersion_scale": 0.5},
+    ),
+    "tilted, all effects": (
+        ALL_EFFECTS | {"lamp_half_angle_rad": 0.02, "light_tilt_rad": (0.04, -0.03)},
+        ALL_EFFECTS | {"lamp_half_angle_rad": 0.01, "light_tilt_rad": (-0.2, 0.1), "index_offset": -0.02},
+    ),
+    "point, all effects": tuple(
+        ALL_EFFECTS | {"emission_half_angle_rad": 0.6, "light_position_m": position, "lamp_radius_m": radius}
+        for position, radius in (((0.002, 0.0, 0.1), 1e-3), ((-0.01, 0.03, 0.2), 3e-3))
+    ),
+}
+"""Two benches with the same effects."""
+
+
+@pytest.mark.parametrize("names", [[name] for name in PAIRS] + [list(PAIRS)], ids=[*PAIRS, "all mixed"])
+@pytest.mark.parametrize("placement", ["lattice", "random"])
+def test_one_launch_for_many_is_a_launch_for_each(names, placement):
+    several = [Scene(height_samples=24, image_pixels=32, **PAIRS[name][k]) for k in range(2) for name in names]
+    generator = torch.Generator().manual_seed(4)
+    heights = 1e-3 * torch.rand(len(several), 24, 24, generator=generator, dtype=torch.float64)
+    many = ManyScenes(several[0], n_photons=4096, placement=placement, dtype=torch.float64)
+    one_by_one = many(heights, several)
+    many.at_once = True
+    assert len(many._launches(several, True)) == len(names)
+    at_once = many(heights, several)
+    assert (at_once - one_by_one).abs().max() < 1e-10 * one_by_one.abs().max()
+    assert (at_once[: len(names)] - at_once[len(names) :]).abs().amax(dim=(1, 2, 3)).min() > 1e-2

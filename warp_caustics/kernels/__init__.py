@@ -1,9 +1,9 @@
 """Warp kernels, one stage per file: photons -> surface -> trace -> splat.
 
-For collimated light ``fused`` and ``fused_adjoint`` do surface, refraction
-(``collimated``) and splat of a photon at once; the separate stages serve point
-lights and tapes. Both meet in ``pixels``, the only place that knows how a
-footprint is spread over pixels.
+``fused`` and ``fused_adjoint`` do surface, refraction and splat of a photon at
+once: by ``collimated`` for light from straight above, by ``general`` for other
+light. The separate stages serve tapes. Both meet in ``pixels``, the only place
+that knows how a footprint is spread over pixels.
 
 Kernels know nothing of torch. Each file has a memoised factory, because Warp
 never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same

@@ -12,7 +12,7 @@ with eta = 1/n and ratio = n / n_exit. With the Hessian H and K' = dK/dM the Jac
     J = I + K H + grad h (k grad h + 2 K' H grad h)^T.
 
 So a wavelength costs a few square roots, and the adjoint is short enough to be
-written by hand. ``trace.py`` is the general form, whose derivative is Warp's; both
+written by hand. ``general.py`` is the general form, whose derivative is Warp's; both
 are tested against the oracle.
 
 What the faces let through (``fresnel.py``) and how far a lamp of finite size blurs (``lamp.py``) follow from M, T and
@@ -29,10 +29,10 @@ from warp_caustics.kernels import specialised
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
 from warp_caustics.kernels.fresnel import fresnel_functions
+from warp_caustics.kernels.general import FAR_PX, GRAZING
 from warp_caustics.kernels.lamp import lamp_functions
-from warp_caustics.kernels.photons import optics_struct
+from warp_caustics.kernels.photons import colour_struct, optics_struct
 from warp_caustics.kernels.surface import photon_struct
-from warp_caustics.kernels.trace import FAR_PX, GRAZING
 
 
 @cache
@@ -45,6 +45,7 @@ def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespac
     lamp_covariance, lamp_covariance_adjoint = lamp.lamp_covariance, lamp.lamp_covariance_adjoint
     Optics = optics_struct(dtype)
     Photon = photon_struct(dtype)
+    Colour = colour_struct(dtype)
     Footprint = footprint_struct(dtype, 0)
     functions = footprint_functions(dtype)
     plate_sigma, footprint_of = functions.plate_sigma, functions.footprint_of
@@ -150,10 +151,12 @@ def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespac
 
     @no_type_check
     @wp.func
-    def refraction(maps: vec6, eta: dtype, ratio: dtype):
+    def refraction(photon: Photon, colour: Colour, optics: Optics):
+        """What ``footprint`` and its adjoint both need."""
+        maps = photon.maps
         m = one + maps[1] * maps[1] + maps[2] * maps[2]
-        k, k_m = inside_slope(m, eta)
-        e, e_m, e_mm, cosine2 = exit_slope(m, eta, ratio)
+        k, k_m = inside_slope(m, colour.eta)
+        e, e_m, e_mm, cosine2 = exit_slope(m, colour.eta, colour.ratio)
         return Refraction(k, k_m, e, e_m, e_mm, cosine2)
 
     @no_type_check
@@ -181,31 +184,31 @@ def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespac
 
     @no_type_check
     @wp.func
-    def footprint(photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, radiosity: dtype, optics: Optics):
+    def footprint(photon: Photon, colour: Colour, bent: Refraction, optics: Optics):
         """Footprint of a photon at one wavelength; amplitude 0 if no light lands."""
         found = Footprint(-far, -far, one, one, zero, zero)
         if bent.cosine2 > grazing:
-            d = differentials(photon, eta, ratio, bent, optics)
+            d = differentials(photon, colour.eta, colour.ratio, bent, optics)
             column = (photon.x + d.shift * photon.maps[1] - optics.window_x) * optics.pixels_per_m_x
             row = (photon.y + d.shift * photon.maps[2] - optics.window_y) * optics.pixels_per_m_y
-            amplitude = optics.area * radiosity
+            amplitude = optics.area * colour.radiosity
             if wp.static(has_fresnel):
                 m = one + photon.maps[1] * photon.maps[1] + photon.maps[2] * photon.maps[2]
-                amplitude *= passed(m, eta, ratio)
+                amplitude *= passed(m, colour.eta, colour.ratio)
             found = footprint_of(column, row, screen_covariance(d.raw, optics), amplitude)
         return found
 
     @no_type_check
     @wp.func
-    def footprint_adjoint(
-        photon: Photon, eta: dtype, ratio: dtype, bent: Refraction, optics: Optics, f: Footprint, g: Footprint
-    ):
+    def footprint_adjoint(photon: Photon, colour: Colour, bent: Refraction, optics: Optics, f: Footprint, g: Footprint):
         """Gradient of the surface maps [6] from that of a footprint with light.
 
         ``g`` is for unit amplitude, as ``pixels.gather`` gives it. Without Fresnel's losses ``g.amplitude`` goes
         nowhere: the amplitude does not depend on the relief.
         """
         maps = photon.maps
+        eta = colour.eta
+        ratio = colour.ratio
         h_x = maps[1]
         h_y = maps[2]
         m = one + h_x * h_x + h_y * h_y

@@ -1,7 +1,7 @@
-"""The whole photon in one kernel, for collimated light and any number of wavelengths at once.
+"""The whole photon in one kernel, for any number of wavelengths at once.
 
 Surface, refraction, footprint and pixels: no records are stored, and nothing but the image is written. The
-formulas are in ``collimated.py``, the rule for pixels in ``pixels.py``.
+formulas are in ``collimated.py`` and ``general.py``, the rule for pixels in ``pixels.py``.
 
 Width 1: wavelength by wavelength, images [B, C, H, W].
 
@@ -20,8 +20,9 @@ import warp as wp
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.footprint import footprint_struct
+from warp_caustics.kernels.general import general_functions
 from warp_caustics.kernels.native import PACK, pixel_loader
-from warp_caustics.kernels.photons import photons_struct
+from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import adding_functions
 from warp_caustics.kernels.surface import photon_function, photon_struct
 from warp_caustics.kernels.wide import BLOCK_ROWS, wide_functions
@@ -33,8 +34,10 @@ APART_SIGMAS, APART_PX = 3.0, 2.0
 @cache
 def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
     """``footprints``: those of a photon at ``width`` neighbouring wavelengths."""
-    collimated = collimated_functions(dtype, effects)
-    refraction, footprint = collimated.refraction, collimated.footprint
+    light = (collimated_functions if effects.is_straight else general_functions)(dtype, effects)
+    refraction, footprint = light.refraction, light.footprint
+    bench = bench_functions(dtype, effects)
+    optics_of, colour_of = bench.optics_of, bench.colour_of
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)
     Footprints = footprint_struct(dtype, width)
     vector = wp.types.vector(length=width, dtype=dtype)
@@ -50,10 +53,11 @@ def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
         sigma_y = vector()
         beta = vector()
         amplitude = vector()
+        optics = optics_of(photons, b)
         for k in range(wp.static(width)):
             c = first_channel + k
-            bent = refraction(photon.maps, photons.eta[c], photons.ratio[c])
-            f = footprint(photon, photons.eta[c], photons.ratio[c], bent, photons.radiosity[c], photons.optics)
+            colour = colour_of(photons, b, c)
+            f = footprint(photon, colour, refraction(photon, colour, optics), optics)
             column[k] = f.column
             row[k] = f.row
             sigma_x[k] = f.sigma_x
@@ -149,7 +153,7 @@ def fused_kernels(
         """Add a block of so many rows of a photon's footprints to image b."""
         if wp.static(is_packed):
             if is_apart:
-                for k in range(photons.eta.shape[0]):
+                for k in range(photons.spectra.shape[2]):
                     f_k = footprint_of(photon, k, photons, b, p)
                     first, last = row_window_of(f_k, image)
                     first += block * rows

@@ -15,7 +15,8 @@ import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
-from warp_caustics.kernels.photons import photons_struct
+from warp_caustics.kernels.general import general_functions
+from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import gathering_function
 from warp_caustics.kernels.surface import photon_function, photon_struct
 from warp_caustics.kernels.wide import wide_functions
@@ -37,8 +38,17 @@ def fused_adjoint_kernels(
     """
     # GPU variants have several lanes or leave wide footprints to those that have.
     gather = gathering_function(dtype, profile, lanes, profile == "spline" and lanes == 1 and not defers)
-    collimated = collimated_functions(dtype, effects)
-    refraction, footprint, footprint_adjoint = collimated.refraction, collimated.footprint, collimated.footprint_adjoint
+    is_straight = effects.is_straight
+    collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
+    light = collimated if is_straight else general
+    refraction, footprint = light.refraction, light.footprint
+    footprint_adjoint, record_gradient, weighted = (
+        collimated.footprint_adjoint,
+        general.record_gradient,
+        general.weighted,
+    )
+    bench = bench_functions(dtype, effects)
+    optics_of, colour_of = bench.optics_of, bench.colour_of
     wide = wide_functions(dtype, profile, False)
     covered_pixels, put_off = wide.covered_pixels, wide.put_off
     photon_at = photon_function(dtype, is_lattice)
@@ -63,10 +73,10 @@ def fused_adjoint_kernels(
     ):
         """Gradient of the surface maps [6] from one wavelength; zero if its footprint is put on the list."""
         gradient = vec6()
-        eta = photons.eta[c]
-        ratio = photons.ratio[c]
-        bent = refraction(photon.maps, eta, ratio)
-        f = footprint(photon, eta, ratio, bent, photons.radiosity[c], photons.optics)
+        optics = optics_of(photons, b)
+        colour = colour_of(photons, b, c)
+        bent = refraction(photon, colour, optics)
+        f = footprint(photon, colour, bent, optics)
         if wp.static(is_blocked):
             if photons.clear[b, c, p] == wp.uint8(0):
                 f.amplitude = zero
@@ -77,7 +87,12 @@ def fused_adjoint_kernels(
                     here = not put_off(item, 0, 0, lane, listed, count)
             if here:
                 g = gather(f, b, c, lane, grad_image)
-                gradient = footprint_adjoint(photon, eta, ratio, bent, photons.optics, f, g)
+                if wp.static(is_straight):
+                    gradient = footprint_adjoint(photon, colour, bent, optics, f, g)
+                else:
+                    gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
+                        photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
+                    )
         return gradient
 
     @no_type_check

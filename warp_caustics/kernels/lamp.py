@@ -10,7 +10,7 @@ z = 1 / sqrt(1 - u^2 (M - 1)):
     beta = -T a^2 g / R + gap eta ratio z (e^2 (1 - (M - 1) g / R) - g / R),   e = u z,
     J_dir J_dir^T = alpha^2 I + (2 alpha beta + beta^2 (M - 1)) grad h grad h^T.
 
-``trace.py`` has the same for any light, by the product rule.
+``general.py`` has the same for any light, by the product rule.
 """
 
 from functools import cache

@@ -15,7 +15,7 @@ def path_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``incidence`` and ``refracted_slope``."""
     vec3 = wp.types.vector(length=3, dtype=dtype)
     Optics = optics_struct(dtype)
-    has_tilt = effects.tilt
+    has_tilt, has_point = effects.tilt, effects.point
     zero = wp.constant(dtype(0.0))
     one = wp.constant(dtype(1.0))
 
@@ -27,7 +27,7 @@ def path_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         distance = one
         if wp.static(has_tilt):
             w = optics.tilt
-        if optics.is_point != 0:
+        if wp.static(has_point):
             to_point = vec3(x - optics.light_x, y - optics.light_y, optics.base + h - optics.light_z)
             distance = wp.sqrt(wp.dot(to_point, to_point))
             w = to_point / distance

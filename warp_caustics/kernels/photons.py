@@ -7,6 +7,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.effects import Effects
 
 
 @cache
@@ -32,7 +33,6 @@ def optics_struct(dtype: Any) -> Any:
         area: dtype  # plate area one path stands for, over the pixel's area
         lamp_var: dtype  # variance of the light's direction [rad^2], or of where it comes from [m^2], per axis
         tilt: vec3  # unit direction of collimated light
-        is_point: wp.int32
         light_x: dtype
         light_y: dtype
         light_z: dtype
@@ -40,6 +40,19 @@ def optics_struct(dtype: Any) -> Any:
         cos_cone: dtype
 
     return specialised(Optics, dtype)
+
+
+@cache
+def colour_struct(dtype: Any) -> Any:
+    """Struct with what photons of one wavelength have in common."""
+
+    class Colour:
+        eta: dtype  # 1 / index of the glass
+        ratio: dtype  # index of the glass over that behind the plate
+        radiosity: dtype  # [W/m^2]
+        flat_share: dtype  # of the flux through a flat plate, over that at normal incidence
+
+    return specialised(Colour, dtype)
 
 
 @cache
@@ -54,14 +67,38 @@ def photons_struct(dtype: Any) -> Any:
         samples_per_m_x: dtype  # of the relief
         samples_per_m_y: dtype
         samples: wp.int32  # n, height samples per axis
-        eta: wp.array[dtype]  # 1 / index of the glass [C]
-        ratio: wp.array[dtype]  # index of the glass over that behind the plate [C]
-        radiosity: wp.array[dtype]  # [W/m^2] [C]
-        flat_share: wp.array[dtype]  # of the flux through a flat plate, over that at normal incidence [C]
+        spectra: wp.array3d[dtype]  # of one bench or of each relief's: what Colour holds [1 or B, 4, C]
         clear: wp.array3d[wp.uint8]  # 0 for paths that are lost because they meet the relief again [B, C, N]
         optics: Optics
+        benches: wp.array[Optics]  # of each relief, where they differ [B]
 
     return specialised(Photons, dtype)
+
+
+@cache
+def bench_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
+    """``optics_of`` and ``colour_of``: of the bench that relief b stands on."""
+    Photons, Colour = photons_struct(dtype), colour_struct(dtype)
+    has_many = effects.many_benches
+
+    @no_type_check
+    @wp.func
+    def optics_of(photons: Photons, b: wp.int32):
+        optics = photons.optics
+        if wp.static(has_many):
+            optics = photons.benches[b]
+        return optics
+
+    @no_type_check
+    @wp.func
+    def colour_of(photons: Photons, b: wp.int32, c: wp.int32):
+        row = wp.int32(0)
+        if wp.static(has_many):
+            row = b
+        spectra = photons.spectra
+        return Colour(spectra[row, 0, c], spectra[row, 1, c], spectra[row, 2, c], spectra[row, 3, c])
+
+    return SimpleNamespace(optics_of=optics_of, colour_of=colour_of)
 
 
 @cache

@@ -23,7 +23,7 @@ import warp as wp
 
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.path import path_functions
-from warp_caustics.kernels.photons import photons_struct
+from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.surface import photon_function, surface_functions
 
 LEAST_STEP = 1.0 / 16.0
@@ -43,6 +43,8 @@ def second_hits_kernel(dtype: Any, is_lattice: bool, effects: Effects) -> Any:
     photon_at = photon_function(dtype, is_lattice)
     paths = path_functions(dtype, effects)
     incidence, refracted_slope = paths.incidence, paths.refracted_slope
+    bench = bench_functions(dtype, effects)
+    optics_of, colour_of = bench.optics_of, bench.colour_of
     surface_at = surface_functions(dtype).surface_at
     vec3 = wp.types.vector(length=3, dtype=dtype)
     zero = wp.constant(dtype(0.0))
@@ -62,12 +64,13 @@ def second_hits_kernel(dtype: Any, is_lattice: bool, effects: Effects) -> Any:
     ):
         """1 for clear paths [B, C, N], else 0; spline coefficients [B, n + 4, n + 4] and their bounds [B] [m], [1]."""
         b, p = wp.tid()
-        optics = photons.optics
+        optics = optics_of(photons, b)
         photon = photon_at(coefficients, photons, b, p)
         h = photon.maps[0]
         w, _ = incidence(photon.x, photon.y, h, optics)
         for c in range(clear.shape[1]):
-            t, _ = refracted_slope(w, vec3(-photon.maps[1], -photon.maps[2], one), photons.eta[c], photons.ratio[c])
+            colour = colour_of(photons, b, c)
+            t, _ = refracted_slope(w, vec3(-photon.maps[1], -photon.maps[2], one), colour.eta, colour.ratio)
             # --- sideways per depth [1], and how fast the relief can come nearer [1]
             side_x = -t[0] / t[2]
             side_y = -t[1] / t[2]

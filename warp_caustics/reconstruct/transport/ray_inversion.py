@@ -1,6 +1,6 @@
 """The light path of the model, forwards, and backwards from a landing point to the slope that sends light there.
 
-The same geometry as ``kernels/trace.py`` and ``oracle.py``: refraction at the
+The same geometry as ``kernels/general.py`` and ``oracle.py``: refraction at the
 relief, straight to the bottom face z = 0, refraction there, straight to the
 screen. At a plane interface n sin(theta) and the azimuth are kept, so a path below
 the relief is described by the two components of k = n (x, y part of its unit
