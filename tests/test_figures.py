@@ -230,6 +230,16 @@ def test_the_ten_are_easier_than_most():
     assert STORED["development_fingerprint"] == fields_config().sample_fingerprint()
 
 
+def test_uncertainty_covers_what_it_says_on_own_fields():
+    """Over all four ways of seeing them; results and page tell these shares."""
+    found = [own["direct"] for own in STORED["own_fields"][GPU].values()]
+    covered = [float(np.mean([each[name] for each in found])) for name in ("within_one", "within_two")]
+    assert covered == pytest.approx([DIRECT_CALIBRATION.within_one, DIRECT_CALIBRATION.within_two], abs=6e-4)
+    assert {len(each["within_one"]) for each in found} == {DIRECT_CALIBRATION.fields}
+    text = " ".join(page("docs/learned.md").split())
+    assert f"covers {100 * covered[0]:.0f} % of the points and twice of it {100 * covered[1]:.0f} %" in text
+
+
 def test_uncertainty_covers_what_it_says_on_fields_that_did_not_make_its_factor():
     """Of one, two and three standard uncertainties; errors have longer tails than a normal distribution."""
     (ratios,) = STORED["error_over_spread"]["of"].values()
