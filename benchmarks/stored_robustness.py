@@ -45,7 +45,7 @@ DEVELOPMENT_ROWS = {
     "channels mixed by 5 %": "mixing-5",
     "channels unequal by 3 %": "gain-3",
     "camera: 0.3 px, 0.7 px blur, 3 % uneven, 1 % foreign, 3 % mixed, 2 % noise": "camera",
-    "section: quarter of a circle": "quarter",
+    "section: quarter cosine": "quarter",
     "squashed (cos^1.2)": "squashed",
     "parabola": "parabola",
     "Gaussian with feet": "gaussian",
