@@ -27,9 +27,9 @@ WHITE = 4.0
 
 def caustic(scene: Scene, device: str = "cpu") -> tuple[torch.Tensor, torch.Tensor]:
     """Irradiance of the example's plate, and of one without relief, simulated where it is wanted."""
-    heights = read_heights(ROOT / "examples" / "data" / "true_heights.npy")
     simulator = CausticSimulator(scene, device=device)
-    heights = torch.tensor(heights, dtype=torch.float32, device=simulator.device)
+    truth = read_heights(ROOT / "examples" / "data" / "true_heights.npy")
+    heights = torch.tensor(truth, dtype=torch.float32, device=simulator.device)
     return simulator(heights), simulator(torch.zeros_like(heights))
 
 
