@@ -32,7 +32,7 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     scene = Scene(image_pixels=arguments.pixels)
-    image, flat = (values.to(arguments.device) for values in caustic(scene))
+    image, flat = caustic(scene, arguments.device)
     cameras = {"perfect": CameraConfig()} | {name: read_camera(path) for name, path in CAMERAS.items()}
     cameras |= {"from the side": SIDE}
     print("| camera | operator | and derivative | photo, dark, flat |")

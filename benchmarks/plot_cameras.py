@@ -25,10 +25,11 @@ WHITE = 4.0
 """Brightness, of flat light, that is shown white."""
 
 
-def caustic(scene: Scene) -> tuple[torch.Tensor, torch.Tensor]:
-    """Irradiance of the example's plate, and of one without relief."""
-    heights = torch.tensor(read_heights(ROOT / "examples" / "data" / "true_heights.npy"), dtype=torch.float32)
-    simulator = CausticSimulator(scene)
+def caustic(scene: Scene, device: str = "cpu") -> tuple[torch.Tensor, torch.Tensor]:
+    """Irradiance of the example's plate, and of one without relief, simulated where it is wanted."""
+    simulator = CausticSimulator(scene, device=device)
+    truth = read_heights(ROOT / "examples" / "data" / "true_heights.npy")
+    heights = torch.tensor(truth, dtype=torch.float32, device=simulator.device)
     return simulator(heights), simulator(torch.zeros_like(heights))
 
 

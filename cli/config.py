@@ -298,7 +298,7 @@ _MAY_BE_OFF: dict[str, Callable[[], Strict]] = {
     "data.bench": BenchRanges,
     "training.camera": _training_camera,
 }
-"""Sections that null switches off; of others, an empty one changes nothing."""
+"""Sections that null switches off; no other can be off, so null there is refused."""
 
 
 def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
@@ -325,9 +325,38 @@ def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = ""
             result[key] = value
         elif isinstance(value, dict):
             result[key] = merged(base[key], value, source, f"{at}{key}.")
-        elif value is not None:  # an empty section changes nothing
+        elif is_open:
+            result[key] = value
+        elif value is None:
+            raise InputError(_null_section(f"{at}{key}", base[key], source))
+        else:
             raise InputError(f"{source}{at}{key} is a section; give keys below it, got {shortened(repr(value))}")
     return result
+
+
+def refuse_null_sections(tree: Mapping[str, Any], base: Mapping[str, Any], source: str, at: str = "") -> None:
+    """Refuse null where ``base`` has a section that cannot be off; for trees that are changed before they are merged.
+
+    Raises:
+        InputError: such a section; what else may be wrong is left to :func:`merged`.
+    """
+    for key, value in tree.items():
+        section = base.get(key)
+        if not isinstance(section, dict) or f"{at}{key}" in _MAY_BE_OFF:
+            continue
+        if value is None:
+            raise InputError(_null_section(f"{at}{key}", section, source))
+        if isinstance(value, dict):
+            refuse_null_sections(value, section, source, f"{at}{key}.")
+
+
+def _null_section(name: str, section: Mapping[str, Any], source: str) -> str:
+    example = next(iter(section), None)
+    keys = "give {} for none" if example is None else f"give keys below it, as {name}.{example}"
+    return (
+        f"{source}{name} is null; of sections only {', '.join(_MAY_BE_OFF)} can be off: leave it out for its defaults, "
+        f"or {keys}"
+    )
 
 
 def _pattern_defaults(name: Any, source: str) -> dict[str, Any]:

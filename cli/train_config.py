@@ -4,7 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.config import TrainingWish, config_path, merged, nested, parsed_setting, validated
+from cli.config import (
+    Config,
+    TrainingWish,
+    config_path,
+    merged,
+    nested,
+    parsed_setting,
+    refuse_null_sections,
+    validated,
+)
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
 from warp_caustics.io.yaml_file import read_yaml
@@ -46,7 +55,11 @@ def new_run(
         tree = {**tree, "scene": stored["scene"], "reliefs": stored["reliefs"]}
     if source is not None:
         path = config_path(source)
-        tree = merged(tree, _of_training(read_yaml(path), kind), f"{path}: ")
+        written = read_yaml(path)
+        # In the configuration of a run `data` is a folder, and null is fresh samples.
+        sections = Config().model_dump(mode="json") | {"network": tree["network"]}
+        refuse_null_sections({k: v for k, v in written.items() if (k, v) != ("data", None)}, sections, f"{path}: ")
+        tree = merged(tree, _of_training(written, kind), f"{path}: ")
     return _checked(tree, settings, overrides)
 
 
@@ -64,7 +77,10 @@ def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
     wishes, photons = result.get("training"), tree.get("data")
     if kind in ("denoiser", "updater") and isinstance(photons, dict):
         # A run reads a data set's name there; a configuration for the whole program says how fresh images are made.
-        wishes = {**_wished({name: _said_once(photons.get(name)) for name in ("noisy", "clean")}), **(wishes or {})}
+        wishes = {
+            **_wished({name: _said_once(photons[name]) for name in ("noisy", "clean") if name in photons}),
+            **(wishes or {}),
+        }
     if isinstance(wishes, dict):
         result["training"] = _wished(wishes)
     numbers = {name: result.pop(name, None) for name in ("denoiser", "updater")}.get(kind)
@@ -85,10 +101,11 @@ def _said_once(photons: Any) -> Any:
 
 
 def _wished(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Without what a configuration for the whole program leaves to the kind of training: what is null."""
-    known = set(TrainingWish.model_fields) | {"noisy", "clean"}
-    result = {key: value for key, value in tree.items() if value is not None or key not in known}
-    for name in known & set(result):
+    """Without the values that a configuration for the whole program leaves to the kind of training: null."""
+    sections = {"validation", "noisy", "clean"}
+    values = set(TrainingWish.model_fields) - sections
+    result = {key: value for key, value in tree.items() if value is not None or key not in values}
+    for name in sections & set(result):
         if isinstance(result[name], dict):
             result[name] = {key: value for key, value in result[name].items() if value is not None}
     return result

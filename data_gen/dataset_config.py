@@ -19,7 +19,8 @@ MAX_SAMPLES = 10**8
 
 Kind = Literal["denoiser", "updater", "capture"]
 """Pairs of a noisy and a clean image; a relief, a start and a gradient; a relief and a photo of it on a bench."""
-Role = Literal["data", "test"]
+Role = Literal["data", "test", "bench"]
+"""Of data sets and trainings; of the test fields; of the test bench's own plates."""
 
 
 class PhotonConfig(Strict):
@@ -50,8 +51,8 @@ class DatasetConfig(Strict):
     kind: Kind
     n_samples: Annotated[int, Field(ge=1, le=MAX_SAMPLES)]
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    role: Role | Literal["bench"] = "data"
-    """Samples of different roles share neither reliefs nor photons; ``bench`` is the test bench's own."""
+    role: Role = "data"
+    """Samples of different roles share neither reliefs nor photons."""
     samples_per_shard: Annotated[int, Field(ge=1, le=4096)] = 32
     """Samples in one file, the unit of work."""
     scene: Scene = Scene()

@@ -68,7 +68,6 @@ class Case:
         plate: what was printed.
         told: scene that methods are told.
         scene: scene as it is.
-        index_offset: of the glass, on top of the scene's own at every wavelength [1].
         condition: what measures, where there is no camera; of a case with a camera only ``relief``.
         camera: takes a photo with dark and flat frame; None gives irradiance.
         photons: of the image.
@@ -80,7 +79,6 @@ class Case:
     plate: Plate
     told: Scene
     scene: Scene
-    index_offset: float = 0.0
     condition: Condition = field(default_factory=Condition)
     camera: CameraConfig | None = None
     photons: PhotonConfig = TEST_PHOTONS
@@ -101,7 +99,6 @@ class Case:
             "bow_m": self.plate.bow_m,
             "told": self.told.record(),
             "scene": self.scene.record(),
-            "index_offset": self.index_offset,
             "condition": asdict(self.condition),
             "camera": None if self.camera is None else self.camera.model_dump(mode="json"),
             "photons": self.photons.model_dump(),

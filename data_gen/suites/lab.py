@@ -173,7 +173,7 @@ def _case(row: str, bench: LabBench, number: int) -> Case:
         return float(np.cos(angle)), float(np.sin(angle))
 
     scene, camera = _scene(bench, drawn), _camera(bench, drawn)
-    return Case("lab", row, bench.title, plate, bench.told, scene, bench.index, camera=camera, photons=SHARP_PHOTONS)
+    return Case("lab", row, bench.title, plate, bench.told, scene, camera=camera, photons=SHARP_PHOTONS)
 
 
 Direction = Callable[[], tuple[float, float]]
@@ -187,7 +187,9 @@ def _scene(bench: LabBench, drawn: Direction) -> Scene:
     changed = {
         "base_thickness_m": told.base_thickness_m + bench.base_m,
         "screen_position_m": (x, y, z - bench.gap_m),
+        "index_offset": told.index_offset + bench.index,
         "fresnel": True,
+        "second_hits": "lost",
     }
     if told.is_collimated:
         tilt = math.radians(bench.tilt_deg)

@@ -4,7 +4,6 @@ Truth is made on the CPU wherever images are simulated, so that everybody is sco
 """
 
 from collections import OrderedDict
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -89,24 +88,21 @@ class Light:
 def channel_scenes(case: Case) -> list[Scene]:
     """Scenes whose images, one after another, are those of the case's wavelengths.
 
-    One scene if all wavelengths share screen and glass; otherwise one for each. Channels that lie apart come from a
-    screen that is moved sideways, so that nothing is resampled; a glass of another index has its own at each
-    wavelength.
+    One scene if all wavelengths share a screen; otherwise one for each. Channels that lie apart come from a screen that
+    is moved sideways, so that nothing is resampled.
     """
     scene, moves = case.scene, channel_moves(case)
-    if not case.index_offset and not moves.any():
+    if not moves.any():
         return [scene]
     x, y, z = scene.screen_position_m
     size_x, size_y = scene.pixel_size_m
     found = []
     for channel, (along_x, along_y) in enumerate(moves.tolist()):
-        changed: dict[str, Any] = {
+        changed: dict[str, object] = {
             "wavelengths_m": (scene.wavelengths_m[channel],),
             "radiosity_W_m2": (scene.radiosity_W_m2[channel],),
             "screen_position_m": (x + along_x * size_x, y + along_y * size_y, z),
         }
-        if case.index_offset:
-            changed["glass"] = scene.glass_indices[channel] + case.index_offset
         found.append(Scene.model_validate(scene.model_dump() | changed))
     return found
 

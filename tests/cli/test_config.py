@@ -64,10 +64,41 @@ def test_exponents_without_a_point_are_floats(tmp_path):
 
 
 def test_other_values_of_a_section_keep_their_defaults(tmp_path):
-    config = load(tmp_path, "scene: {image_pixels: 64}\nupdater: {k_up: 5}\nreliefs:\n  perturbation:\n")
+    config = load(tmp_path, "scene: {image_pixels: 64}\nupdater: {k_up: 5}\nreliefs:\n  perturbation: {}\n")
     assert config.scene == Scene(image_pixels=64)
     assert config.updater == BEST_UPDATER.model_copy(update={"k_up": 5})
     assert config.reliefs == ReliefConfig()
+
+
+def sections(tree, at=""):
+    """Dotted names of all sections of a configuration."""
+    below = {f"{at}{key}": value for key, value in tree.items() if isinstance(value, dict)}
+    return [*below, *(name for key, value in below.items() for name in sections(value, f"{key}."))]
+
+
+@pytest.mark.parametrize("name", sections(Config().model_dump()))
+def test_null_is_no_section(tmp_path, name):
+    """It looked like switching something off, and changed nothing."""
+    line = "is null; of sections only reliefs.variety, reliefs.making, data.bench, training.camera can be off: leave it out"
+    with pytest.raises(InputError, match=f"^--set {name}=null: {name} {line}"):
+        load_config(None, [f"{name}=null"])
+    *above, last = name.split(".")
+    text = "".join(f"{'  ' * depth}{part}:\n" for depth, part in enumerate([*above, last]))
+    with pytest.raises(InputError, match=rf"config.yaml: {name} {line} for its defaults, or give .") as error:
+        load(tmp_path, text)
+    assert "\n" not in str(error.value)
+
+
+def test_null_below_a_section_that_may_be_off_is_refused_as_well():
+    with pytest.raises(InputError, match=r"data.bench.set_up is null; .* as data.bench.set_up.gap_offset_m$"):
+        load_config(None, ["data.bench.set_up=null"])
+    assert load_config(None, ["data.bench.set_up.gap_offset_m=[0, 1e-5]", "data.bench=null"]).data.bench is None
+
+
+def test_null_takes_back_an_option_of_a_method(tmp_path):
+    """Options belong to their method: whatever their value was, null replaces it."""
+    config = load(tmp_path, "reconstruction: {options: {start: {kind: flat}}}", "reconstruction.options.start=null")
+    assert config.reconstruction.options == {"start": None}
 
 
 def test_settings_win_over_the_file_and_are_typed_like_yaml(tmp_path):

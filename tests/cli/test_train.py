@@ -14,6 +14,7 @@ import yaml
 
 from cli.main import main
 from cli.options import duration
+from warp_caustics.errors import InputError
 
 TINY = [
     "--device", "cpu", "--precision", "32", "--batch-size", "2",
@@ -142,6 +143,30 @@ def test_null_leaves_cameras_out(tmp_path):
     assert new_run("direct", None, str(tmp_path / "config.resolved.yaml"), [], {}).training.camera is None
     assert resumed_run(tmp_path, [], {}).training.camera is None
     assert resumed_run(tmp_path, ["training.camera.blur_px=1"], {}).training.camera.blur_px == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "training:",
+        "training: {validation: null}",
+        "denoiser:",
+        "data: {noisy: null}",
+        "network:\ndenoiser: {k_down: 3}",
+    ],
+)
+def test_null_is_no_section_of_a_file(tmp_path, text):
+    """Nor is one that is taken apart, because the file is for the whole program; values that are null are the kind's."""
+    from cli.train_config import new_run
+
+    file = tmp_path / "mine.yaml"
+    file.write_text(text + "\n")
+    with pytest.raises(InputError, match=r"mine.yaml: (training|denoiser|network|data)[.a-z]* is null; of sections"):
+        new_run("denoiser", None, str(file), [], {})
+    with pytest.raises(InputError, match="--set training.validation=null: training.validation is null"):
+        new_run("denoiser", None, None, ["training.validation=null"], {})
+    file.write_text("training: {batch_size: null, validation: {count: null}}\ndata: {noisy: {n_photons: null}}\n")
+    assert new_run("denoiser", None, str(file), [], {}) == new_run("denoiser", None, None, [], {})
 
 
 def started(run, *arguments):

@@ -1,6 +1,9 @@
 """Suites: what they hold, and that nothing of them is ever trained on."""
 
+import dataclasses
+import hashlib
 import itertools
+import json
 import re
 from pathlib import Path
 
@@ -10,7 +13,7 @@ import pytest
 from data_gen.dataset_config import DatasetConfig, sample_seed
 from data_gen.samples import Reliefs
 from data_gen.suites import lab
-from data_gen.suites.light import bench_angles, channel_moves, channel_scenes, true_heights
+from data_gen.suites.light import Light, bench_angles, channel_moves, channel_scenes, true_heights
 from data_gen.suites.one_thing import DIFFERENCES
 from data_gen.suites.suites import SUITES, find_suite, suite_cases
 from data_gen.testset import field_heights, fields_config
@@ -74,8 +77,31 @@ def test_a_plate_of_the_role_is_another_plate():
 
 
 def test_fingerprints_of_earlier_data_sets_are_as_before():
-    """A third role changes nothing for the two that there were."""
+    """A third role changes nothing for the two that there were, and what a bench is changes no plate on it."""
     assert fields_config().sample_fingerprint() == "6589b5f86154139e3bae0b500ae54cf3ed25aa9040947cb9f66d87a7346f3f96"
+    test = fields_config(which="test").sample_fingerprint()
+    assert test == "08a73e53dd75590eed15c70884bebddc3a4b92a42803cfed8bf71b66d6b5f2e2"
+    data = DatasetConfig(kind="updater", n_samples=10).fingerprint()
+    assert data == "191a0e60c429ba4f9d32096aca85261fe3098385a0ef9b15c627a92c83cb1363"
+
+
+@pytest.mark.parametrize(
+    ("suite", "digest"),
+    [
+        ("ideal", "a3505442be0785fcec0045fafa099e8fc23ab5a532a6211042e77dafec987dc1"),
+        ("one-thing", "30113191b7a036c6bcc8cbd36847ee35a110d2fe79b254b924212fec25bb1f40"),
+        ("lab", "26d8484e5006b4416e54f5622f36ecf5cbcec8962f2eb6056258469cb9c11d19"),
+        ("prints", "c7d58a8bb2cbe95d7e60f847cdb4dd98f0328fc0ff5577f7ac381e4f8ace6948"),
+    ],
+)
+def test_plates_are_those_that_were_published(suite, digest):
+    """Fingerprints and seeds of all plates of a suite: figures of one year compare with those of the next."""
+    plates = [
+        (case.row, case.plate.number, case.plate.fingerprint, sample_seed(case.plate.fingerprint, "relief", number))
+        for case in suite_cases(suite)
+        for number in (case.plate.number,)
+    ]
+    assert hashlib.sha256(json.dumps(plates).encode()).hexdigest() == digest
 
 
 def test_rows_of_one_thing_show_the_same_plates():
@@ -160,8 +186,21 @@ def test_channels_apart_are_on_moved_screens():
 
 def test_index_is_higher_at_every_wavelength():
     case = of("lab", "ordinary")
-    found = [scene.glass_indices[0] for scene in channel_scenes(case)]
-    np.testing.assert_allclose(np.array(found) - case.told.glass_indices, 7e-4, atol=1e-12)
+    assert channel_scenes(case) == [case.scene]
+    higher = np.array(case.scene.glass_indices) - case.told.glass_indices
+    np.testing.assert_allclose(higher, 7e-4, atol=1e-12)
+
+
+def test_light_that_meets_the_relief_again_is_lost_in_the_lab():
+    """Methods are not told, and no bench of another suite loses any: there the image is what methods assume."""
+    case = of("lab", "careful")
+    assert {each.scene.second_hits for each in EVERY if each.suite == "lab"} == {"lost"}
+    assert {each.scene.second_hits for each in EVERY if each.suite != "lab"} == {"ignored"}
+    assert {each.told.second_hits for each in EVERY} == {"ignored"}
+    heights, light = true_heights(case), Light("cpu", n_photons=200_000)
+    through = dataclasses.replace(case, scene=case.scene.model_copy(update={"second_hits": "passed"}))
+    lost = 1 - light.behind_plate(case, heights).sum() / light.behind_plate(through, heights).sum()
+    assert 1e-3 < lost < 2e-2
 
 
 def test_wrong_names_and_counts_are_explained():
