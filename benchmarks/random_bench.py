@@ -1,10 +1,14 @@
 """Samples a second of plates on benches at random, and what of it the host takes: on any device.
 
-python -m benchmarks.random_bench --device cuda --bench ordinary
+python -m benchmarks.random_bench --device cuda --bench ordinary [--processes 3]
+
+With ``--processes`` so many work at once, as with ``nsfc data build --workers``: strokes are drawn on the host, one core
+each, while the others keep a GPU busy.
 """
 
 import argparse
 import json
+import multiprocessing
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -46,10 +50,8 @@ def seconds(call: Callable[[], Any], device: str, repeats: int) -> float:
     return (time.perf_counter() - started) / repeats
 
 
-def measured(
-    bench: str, device: str, pixels: int, samples: int, batch: int, photons: int, repeats: int
-) -> dict[str, Any]:
-    """Milliseconds a sample of each part, and samples a second of all."""
+def sampler_of(bench: str, device: str, pixels: int, samples: int, photons: int) -> CaptureSampler:
+    """Samples of the benches of a configuration."""
     ranges = yaml.safe_load((ROOT / "configs" / "benches" / f"{bench}.yaml").read_text(encoding="utf-8"))
     config = DatasetConfig(
         kind="capture",
@@ -58,7 +60,50 @@ def measured(
         clean=PhotonConfig(n_photons=photons),
         bench=BenchRanges.model_validate(ranges["data"]["bench"]),
     )
-    sampler = CaptureSampler(config, device)
+    return CaptureSampler(config, device)
+
+
+def made(sampler: CaptureSampler, ids: range) -> torch.Tensor:
+    """Images of fresh samples."""
+    return sampler.benches.images(sampler.reliefs.true(ids), sampler.benches.draw(ids))
+
+
+def work(rank: int, ready: Any, counts: Any, seconds_each: float, batch: int, options: dict[str, Any]) -> None:
+    """One of several processes: samples for some seconds, from when all are ready."""
+    torch.set_num_threads(1)
+    sampler, device = sampler_of(**options), options["device"]
+    first = 100_000 * rank
+    made(sampler, range(first, first + batch))
+    ready.wait()
+    started, done = time.perf_counter(), 0
+    while time.perf_counter() - started < seconds_each:
+        done += batch
+        made(sampler, range(first + done, first + done + batch))
+        if device.startswith("cuda"):
+            torch.cuda.synchronize(device)
+    counts[rank] = done / (time.perf_counter() - started)
+
+
+def together(processes: int, seconds_each: float, batch: int, options: dict[str, Any]) -> float:
+    """Samples a second of several processes at once."""
+    context = multiprocessing.get_context("spawn")
+    ready, counts = context.Barrier(processes), context.Array("d", processes)
+    started = [
+        context.Process(target=work, args=(rank, ready, counts, seconds_each, batch, options))
+        for rank in range(processes)
+    ]
+    for process in started:
+        process.start()
+    for process in started:
+        process.join()
+    return sum(counts)
+
+
+def measured(
+    bench: str, device: str, pixels: int, samples: int, batch: int, photons: int, repeats: int
+) -> dict[str, Any]:
+    """Milliseconds a sample of each part, and samples a second of all."""
+    sampler = sampler_of(bench, device, pixels, samples, photons)
     benches, reliefs = sampler.benches, sampler.reliefs
     ids = range(batch)
     drawn = benches.draw(ids)
@@ -71,8 +116,7 @@ def measured(
 
     def fresh() -> None:
         first = next(next_ids)
-        numbers = range(first, first + batch)
-        benches.images(reliefs.true(numbers), benches.draw(numbers))
+        made(sampler, range(first, first + batch))
 
     parts = {
         "strokes and print": lambda: reliefs.true(ids),
@@ -117,9 +161,16 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--photons", type=int, default=462_400)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--processes", type=int, default=1)
     options = vars(parser.parse_args())
-    for bench in options.pop("bench"):
-        print(json.dumps(measured(bench, **options)), flush=True)
+    processes, names = options.pop("processes"), options.pop("bench")
+    for bench in names:
+        if processes == 1:
+            print(json.dumps(measured(bench, **options)), flush=True)
+            continue
+        sizes = {name: options[name] for name in ("device", "pixels", "samples", "photons")}
+        rate = together(processes, 2.0 * options["repeats"], options["batch"], {"bench": bench, **sizes})
+        print(json.dumps({"bench": bench, "processes": processes, "samples_per_s": round(rate, 2)}), flush=True)
 
 
 if __name__ == "__main__":
