@@ -116,6 +116,12 @@ def setup(
         "trades off with",
     )
     console.line(_row(heads), *(_row(_cells(known, with_heights)) for known in told.parameters))
+    at_zero = [known.parameter.name for known in told.parameters if known.verdict == "only its square"]
+    if at_zero:
+        console.line(
+            f"at 0 only the square of {', '.join(at_zero)} counts, of which a derivative tells nothing; give a likely "
+            "value, as lamp_half_angle_rad: 0.003 or psf_px: 0.5"
+        )
     if told.parameters:
         worst = told.directions[-1]
         parts = [
@@ -197,7 +203,7 @@ def _flat(model: "SetUpModel") -> "torch.Tensor":
 
 
 def _row(cells: tuple[str, ...]) -> str:
-    widths = (22, 5, 9, 9, 9, 9, 8)
+    widths = (22, 5, 9, 9, 9, 9, 15)
     return "  ".join([*(f"{c:<{w}}" for c, w in zip(cells[:-1], widths, strict=True)), cells[-1]]).rstrip()
 
 

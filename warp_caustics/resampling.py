@@ -1,8 +1,9 @@
 """Images shifted, magnified and blurred: one product with banded matrices along x and one along y.
 
-Rows of the matrices are a windowed sinc (Lanczos, eight taps), which shifts without softening; it keeps its place to
-0.015 px. A blur is a Gaussian given by its transfer function within the pixels' band: sampled in space, one far below
-a pixel would not blur at all.
+Rows of the matrices interpolate by quintic splines, as :mod:`warp_caustics.camera` does, which shifts without softening
+and keeps the place of lines. The filter that splines need has the pixels' band as its own, and so has a blur: both are
+one kernel, given by the product of their transfer functions. Sampled in space, a blur far below a pixel would not blur
+at all.
 """
 
 import math
@@ -11,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-LANCZOS = 4
-"""Half width of the interpolating kernel [px]."""
+from warp_caustics.pixel_spline import TAPS, filter_reach, filter_transfer, mirrored, spline_taps
+
 BLUR_REACH = 4.0
 """Where a blur is cut, in standard deviations."""
 LEAST_REACH = 4
 """The same in pixels, at least: a kernel within the pixels' band rings on for some."""
+LEAST_SPLINE_REACH, EXACT_SPLINE_REACH = filter_reach(1e-6), filter_reach(1e-13)
+"""Where the splines' filter is cut [px]: as exact as float32, and as float64."""
 FREQUENCIES = 256
 """At which the transfer function of a blur is sampled."""
 
@@ -29,11 +32,32 @@ def gaussian_kernel(blur: torch.Tensor, reach: int, box: torch.Tensor | None = N
         reach: where it is cut [px].
         box: width of a square that it is convolved with [px], shape [...]; None for none.
     """
-    omega = (torch.arange(FREQUENCIES, device=blur.device) + 0.5).to(blur.dtype) * (math.pi / FREQUENCIES)
-    offset = torch.arange(-reach, reach + 1, device=blur.device)
+    omega = _frequencies(blur)
     transfer = torch.exp(-0.5 * (blur[..., None] * omega) ** 2)
     if box is not None:
         transfer = transfer * torch.sinc(box[..., None] * omega / (2 * math.pi))
+    return _kernel(transfer, omega, reach)
+
+
+def spline_kernel(blur: torch.Tensor, reach: int) -> torch.Tensor:
+    """From an image to the coefficients of the blurred one's spline, from -reach to reach, shape [..., 2 reach + 1].
+
+    Args:
+        blur: standard deviation [px], any shape [...]; its type is the result's.
+        reach: where it is cut [px], see :func:`spline_reach`.
+    """
+    omega = _frequencies(blur)
+    return _kernel(torch.exp(-0.5 * (blur[..., None] * omega) ** 2) * filter_transfer(omega), omega, reach)
+
+
+def _frequencies(like: torch.Tensor) -> torch.Tensor:
+    """Angular frequencies of the pixels' band [1/px], shape [FREQUENCIES]."""
+    return (torch.arange(FREQUENCIES, device=like.device) + 0.5).to(like.dtype) * (math.pi / FREQUENCIES)
+
+
+def _kernel(transfer: torch.Tensor, omega: torch.Tensor, reach: int) -> torch.Tensor:
+    """Of a transfer function [..., FREQUENCIES], cut at ``reach`` and brought to a sum of 1."""
+    offset = torch.arange(-reach, reach + 1, device=omega.device)
     kernel = transfer @ torch.cos(omega[:, None] * offset) / FREQUENCIES
     return kernel / kernel.sum(dim=-1, keepdim=True)
 
@@ -43,55 +67,57 @@ def blur_reach(largest: float) -> int:
     return max(LEAST_REACH, math.ceil(BLUR_REACH * largest))
 
 
+def spline_reach(largest: float) -> int:
+    """The same of :func:`spline_kernel`, which is no shorter than the splines' filter by itself."""
+    return max(LEAST_SPLINE_REACH, blur_reach(largest))
+
+
 def resampling_matrix(
     pixels: int, shift: torch.Tensor, scale: torch.Tensor, kernel: torch.Tensor | None = None
 ) -> torch.Tensor:
     """Rows that give each output pixel as a weighted sum of input pixels, shape [..., m, m]; each sums to 1.
 
-    Beyond its border a picture goes on as at the border.
+    An output pixel is the mean over its own width. Beyond its border a picture is mirrored.
 
     Args:
         pixels: m.
         shift: of the picture towards larger coordinates [px], any shape [...]; its type is the result's.
-        scale: magnification about the middle, less 1, same shape.
-        kernel: of a blur besides, shape [..., 2 r + 1], see :func:`gaussian_kernel`; None for none.
+        scale: magnification about the middle, less 1, above -1/2, a shape that broadcasts to it.
+        kernel: of a blur besides, shape [..., 2 r + 1] likewise, see :func:`spline_kernel`; None for none.
     """
     device, dtype, middle = shift.device, shift.dtype, (pixels - 1) / 2
+    if kernel is None:
+        kernel = spline_kernel(torch.zeros_like(shift), EXACT_SPLINE_REACH)
     row = torch.arange(pixels, device=device, dtype=dtype)
     source = middle + (row - middle - shift[..., None]) / (1 + scale[..., None])  # [..., m]
-    first = source.floor()
-    near = torch.arange(1 - LANCZOS, LANCZOS + 1, device=device, dtype=dtype)  # [8]
-    distance = (source - first)[..., None] - near  # [..., m, 8]
-    weights = torch.sinc(distance) * torch.sinc(distance / LANCZOS)
+    half = 0.5 / (1 + scale[..., None])
+    first, weights = spline_taps(source - half, source + half)  # [..., m], [..., m, TAPS]
     weights = weights / weights.sum(dim=-1, keepdim=True)
-    reach = 0
-    if kernel is not None:
-        reach = kernel.shape[-1] // 2
-        wide = weights.new_zeros(*weights.shape[:-1], 2 * (LANCZOS + reach))
-        for k in range(2 * LANCZOS):
-            wide[..., k : k + 2 * reach + 1] += weights[..., k : k + 1] * kernel[..., None, :]
-        weights = wide
-    column = first[..., None] + torch.arange(1 - LANCZOS - reach, LANCZOS + reach + 1, device=device)
-    column = column.clamp(0, pixels - 1).long()
-    return weights.new_zeros(*weights.shape[:-1], pixels).scatter_add_(-1, column, weights)
+    reach, size = kernel.shape[-1] // 2, kernel.shape[-1]
+    wide = weights.new_zeros(*weights.shape[:-1], TAPS - 1 + size)
+    for k in range(TAPS):
+        wide[..., k : k + size] += weights[..., k : k + 1] * kernel[..., None, :]
+    column = first.long()[..., None] + torch.arange(-reach, TAPS + reach, device=device)
+    return weights.new_zeros(*weights.shape[:-1], pixels).scatter_add_(-1, mirrored(column, pixels), wide)
 
 
 def resampled(
     images: torch.Tensor, shift: torch.Tensor, scale: torch.Tensor, blur: torch.Tensor, reach: int
 ) -> torch.Tensor:
-    """Images shifted, magnified about their middle and blurred; beyond its border a picture goes on as at the border.
+    """Images shifted, magnified about their middle and blurred; beyond its border a picture is mirrored.
 
     Args:
         images: shape [..., m, m].
         shift: towards larger x and y [px], shape [..., 2].
         scale: magnification less 1, shape [...].
         blur: standard deviation [px], shape [...].
-        reach: where all blurs are cut [px], see :func:`blur_reach`; a number, so that no device is waited for.
+        reach: where all blurs are cut [px], see :func:`spline_reach`; a number, so that no device is waited for.
     """
     pixels = images.shape[-1]
-    kernel = gaussian_kernel(blur, reach)
-    along_x, along_y = (resampling_matrix(pixels, shift[..., axis], scale, kernel) for axis in (0, 1))
-    return along_y @ images @ along_x.transpose(-1, -2)
+    kernel = spline_kernel(blur, reach)
+    along_x, along_y = resampling_matrix(pixels, shift.movedim(-1, 0), scale, kernel)
+    moved: torch.Tensor = along_y @ images @ along_x.transpose(-1, -2)
+    return moved
 
 
 def blur_matrix(pixels: int, blur: float) -> torch.Tensor:
@@ -117,8 +143,8 @@ def mirrored_rows(kernel: torch.Tensor, pixels: int) -> torch.Tensor:
     """
     reach = kernel.shape[-1] // 2
     offset = torch.arange(-reach, reach + 1, device=kernel.device)
-    column = torch.remainder(torch.arange(pixels, device=kernel.device)[:, None] + offset, 2 * pixels)
-    column = torch.minimum(column, 2 * pixels - 1 - column).expand(*kernel.shape[:-1], -1, -1)
+    column = mirrored(torch.arange(pixels, device=kernel.device)[:, None] + offset, pixels)
+    column = column.expand(*kernel.shape[:-1], -1, -1)
     matrix = kernel.new_zeros(*kernel.shape[:-1], pixels, pixels)
     return matrix.scatter_add(-1, column, kernel[..., None, :].expand(column.shape))
 

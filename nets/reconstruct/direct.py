@@ -88,6 +88,7 @@ class Direct(Reconstructor):
         spread = uncertainty(answers.double(), DIRECT_CALIBRATION)
         no_spread = self._no_uncertainty(len(answers))
         timings = {"network": log.elapsed_s}
+        found_at = None
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
@@ -105,6 +106,7 @@ class Direct(Reconstructor):
             reason = "max_time"
             if found is not None:
                 heights, reason = found.heights, found.reason
+                found_at = self.refinement.pixels if found.is_better else None
                 history += [
                     entry | {"iteration": len(history) + k + 1, "elapsed_s": entry["elapsed_s"] + timings["network"]}
                     for k, entry in enumerate(found.history)
@@ -123,6 +125,7 @@ class Direct(Reconstructor):
             warnings=warnings,
             uncertainty=None if spread is None or no_spread else spread.cpu().numpy(),
             no_uncertainty=no_spread,
+            found_at=found_at,
         )
 
     def _no_uncertainty(self, answers: int) -> str:

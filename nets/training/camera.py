@@ -18,11 +18,11 @@ import torch
 
 from nets.training.config import LARGEST_BLUR_PX, CameraConfig
 from warp_caustics.camera.radiometry import mixed, uneven_light
-from warp_caustics.resampling import blur_reach, resampled
+from warp_caustics.resampling import resampled, spline_reach
 
 DARKEST = 1e-3
 """Relative irradiance below which noise no longer falls."""
-REACH = blur_reach(LARGEST_BLUR_PX)
+REACH = spline_reach(LARGEST_BLUR_PX)
 
 
 class Camera(NamedTuple):

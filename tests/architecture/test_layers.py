@@ -20,7 +20,7 @@ ARROWS = list(graph.arrows(FILES))
 LAYERS = {
     "warp_caustics": (
         "front_door types units strict errors signals child_process landings",
-        "materials height_field metrics resampling cuda_graph",
+        "materials height_field metrics pixel_spline resampling cuda_graph",
         "scene",
         "io kernels presets",
         "photons chunked camera",

@@ -9,7 +9,8 @@ from torch.utils.checkpoint import checkpoint
 
 from warp_caustics.camera.parameters import CameraParameters
 from warp_caustics.camera.placement import Frame, pixel_edges, seen_of_window, to_photo
-from warp_caustics.camera.spline_pixels import TAPS, pixel_matrix, pixel_taps, spline_coefficients
+from warp_caustics.camera.spline_pixels import pixel_matrix, pixel_taps, spline_coefficients
+from warp_caustics.pixel_spline import TAPS
 
 CHUNK = {"cpu": 1 << 20, "cuda": 1 << 25}
 """Weights that a gather holds at a time: what stays in the caches of a CPU, twice as fast as four times as many; on a

@@ -14,7 +14,7 @@ from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
 from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
-from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.channel_registration import registered
@@ -74,28 +74,53 @@ class Resimulation:
         seen = simulated / self._radiosity
         return seen if self._blur is None else blurred(seen, self._blur)
 
-    def trust(self, heights: FloatArray) -> Trust:
-        """How far a relief [m], shape [n, n], is to be believed; noise that is not known is estimated.
+    def trust(self, heights: FloatArray, found_at: int | None = None) -> Trust:
+        """How far a relief is to be believed; noise that is not known is estimated.
 
         Where it is not explained, and no camera is in the model, one is looked for: a lens out of focus by 0.7 px
         leaves 15 % of an image whose relief is right.
+
+        Args:
+            heights: [m], shape [n, n].
+            found_at: pixels per side of the image that they were found with, which divide the image's; None for all.
         """
-        plain = self._trust(heights)
+        plain = self._trust(heights, found_at)
         if plain.is_explained is not False or not self.camera.is_perfect:
             return plain
         camera = self.found_camera(heights)
         if camera.is_perfect:
             return plain
-        seen = self.through(camera)._trust(heights)
+        seen = self.through(camera)._trust(heights, found_at)
         return seen_by_camera(seen, float(camera.blur.max()), float(camera.apart_px.max())) or plain
 
-    def _trust(self, heights: FloatArray) -> Trust:
-        measurement, source = self.measurement, "given"
-        scene, simulator = self.simulator.scene, self.simulator
-        if measurement.noise is None:
+    def _trust(self, heights: FloatArray, found_at: int | None) -> Trust:
+        image, scene, source = self.image, self.simulator.scene, "given"
+        if self.measurement.noise is None:
             source = "estimated"
-            noisy = dataclasses.replace(self.image, noise_std=estimated_noise(self.image, scene))
-            measurement = measurement_at(noisy, scene, scene.image_pixels, simulator.device)
+            image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
+        pixels = found_at or scene.image_pixels
+        measurement = measurement_at(image, scene, pixels, self.simulator.device)
+        seen, of_pixels = self._by_camera(self._simulated(heights)), None
+        if pixels < scene.image_pixels:
+            of_pixels = scene.image_pixels
+            means = torch.nn.functional.avg_pool2d(seen, of_pixels // pixels)
+            both = Seen(means, self._seen_at(heights, pixels))
+        else:
+            both = Seen(seen, self._seen_by_half(heights))
+        return image_trust(measurement, both, source, lambda: fold_fraction(heights, scene), of_pixels)
+
+    def _seen_at(self, heights: FloatArray, pixels: int) -> torch.Tensor:
+        """As the camera sees what a simulation of so many pixels gives, in units of the radiosity."""
+        device = self.simulator.device
+        with torch.no_grad():
+            seen: torch.Tensor = simulator_at(self.simulator.scene, pixels, device)(self.relief(heights))
+        if not self.camera.blurs:
+            return seen
+        return blurred(seen, blur_matrices(pixels, self.camera.blur_at(pixels), device))
+
+    def _seen_by_half(self, heights: FloatArray) -> torch.Tensor:
+        """As the camera sees what half as many photons give, in units of the radiosity."""
+        scene, simulator = self.simulator.scene, self.simulator
         half = CausticSimulator(
             scene,
             "lattice",
@@ -105,9 +130,7 @@ class Resimulation:
             device=simulator.device,
         )
         with torch.no_grad():
-            by_half = half(self.relief(heights))
-        seen = Seen(self._by_camera(self._simulated(heights)), self._by_camera(by_half))
-        return image_trust(measurement, seen, source, lambda: fold_fraction(heights, scene))
+            return self._by_camera(half(self.relief(heights)))
 
     def _simulated(self, heights: FloatArray) -> torch.Tensor:
         for known, simulated in self._known:
@@ -195,6 +218,7 @@ def make_result(
     uncertainty: FloatArray | None = None,
     no_uncertainty: str = NO_SPREAD,
     iterates: FloatArray | None = None,
+    found_at: int | None = None,
 ) -> Reconstruction:
     """The record of a result: simulated at all pixels, by the lattice, whatever it was found with.
 
@@ -213,13 +237,14 @@ def make_result(
         uncertainty: standard uncertainty [m], shape [n, n].
         no_uncertainty: why there is none, where there is none.
         iterates: heights after each iteration [m], shape [K + 1, n, n].
+        found_at: pixels per side of the image that heights were found with, where it has more; trust is asked there.
     """
     started = time.perf_counter()
     simulated, residual = resimulation(heights)
     simulator = resimulation.simulator
     image = simulated.cpu().numpy() * resimulation.exposure.astype(np.float32)[:, None, None]
     energy = energy_budget(simulator, resimulation.relief(heights), simulated)
-    trust = resimulation.trust(heights)
+    trust = resimulation.trust(heights, found_at)
     return Reconstruction(
         method=method,
         heights_m=heights,

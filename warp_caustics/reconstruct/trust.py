@@ -5,6 +5,9 @@ A relative residual alone says little: photon noise may leave 20 % of a dim imag
 simulation's own error, told by one with half as many photons, comes on top. Both are asked of the whole image and of
 each part of it, where a missing line does not drown in the noise of all the rest.
 
+A method that found its heights on a coarser image is judged there, by means over those pixels. Finer ones have had no
+say; and what its coarse simulation does otherwise than the fine one, averaged, it cannot but leave, even of the truth.
+
 That an image is explained does not make the heights right: where light paths cross, several reliefs explain it.
 """
 
@@ -45,6 +48,7 @@ class Trust:
         places: share of the image's parts that are not explained; None if the noise is unknown.
         is_beyond_relief: whether heights may be wrong by more than the relief.
         noise_source: ``"given"`` with the image, ``"estimated"`` from it, or ``"unknown"``.
+        pixels: per side, where the image was judged at fewer than it has; None at all of them.
     """
 
     line: str
@@ -56,6 +60,7 @@ class Trust:
     places: float | None
     noise_source: str
     is_beyond_relief: bool = False
+    pixels: int | None = None
 
 
 class Seen(NamedTuple):
@@ -64,20 +69,27 @@ class Seen(NamedTuple):
     image: torch.Tensor
     """By the simulation that is reported."""
     by_half: torch.Tensor
-    """By half as many photons."""
+    """By half as many photons; or, where fewer pixels are judged, by the simulation that heights were found with."""
 
 
 def image_trust(
-    measurement: Measurement, seen: Seen, noise_source: str, folded: Callable[[], float] = lambda: 0.0
+    measurement: Measurement,
+    seen: Seen,
+    noise_source: str,
+    folded: Callable[[], float] = lambda: 0.0,
+    of_pixels: int | None = None,
 ) -> Trust:
     """How far a result is to be believed.
 
     Args:
-        measurement: all pixels; its noise is the image's.
-        seen: of the result.
+        measurement: all pixels, or means over more than one; its noise is that of these.
+        seen: of the result, of the measurement's shape.
         noise_source: where that noise comes from.
         folded: share of the plate where light paths cross; asked only of results that explain the image.
+        of_pixels: that the image has per side, where the measurement has fewer.
     """
+    pixels = None if of_pixels is None else measurement.irradiance.shape[-1]
+    at = "" if pixels is None else f" at {pixels} of {of_pixels} pixels"
     weight = measurement.weight.double()
     light = float((measurement.irradiance * weight).norm())
     left = ((seen.image - measurement.irradiance).double() * weight) ** 2
@@ -85,8 +97,8 @@ def image_trust(
     residual, simulation = (math.sqrt(float(values.sum())) / light for values in (left, model))
     flat = float(((1 - measurement.irradiance).double() * weight).norm()) / light
     if measurement.noise is None:
-        line = f"not judged: {_percent(residual)} of the image left, and the noise of the image is not known"
-        return Trust(line, None, residual, None, simulation, flat, None, "unknown")
+        line = f"not judged: {_percent(residual)} of the image left{at}, and the noise of the image is not known"
+        return Trust(line, None, residual, None, simulation, flat, None, "unknown", pixels=pixels)
     expected = (measurement.noise.double() * weight) ** 2
     noise = math.sqrt(float(expected.sum())) / light
     # Shot noise in bright parts, that of the camera in dark ones: the larger counts where a part is judged alone.
@@ -95,7 +107,7 @@ def image_trust(
     floor = math.hypot(noise, simulation)
     is_whole = residual <= MOST_OF_NOISE * floor
     is_explained = is_whole and places == 0
-    told = f"{_percent(residual)} of the image left, noise and simulation leave {_percent(floor)}"
+    told = f"{_percent(residual)} of the image left{at}, noise and simulation leave {_percent(floor)}"
     is_beyond = residual > MOST_OF_FLAT * flat and not is_whole
     if is_explained:
         line = f"explained within noise: {told}"
@@ -111,7 +123,7 @@ def image_trust(
             f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or set-up and camera "
             "(blur) are not as described"
         )
-    return Trust(line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond)
+    return Trust(line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond, pixels)
 
 
 def seen_by_camera(seen: Trust, blur_px: float, apart_px: float) -> Trust | None:

@@ -30,7 +30,8 @@ WIDER = 30.0
 HEIGHTS = "heights"
 """Partner that stands for all unknown heights together."""
 
-Verdict = Literal["fixed", "narrowed", "not told"]
+Verdict = Literal["fixed", "narrowed", "not told", "only its square"]
+"""The last of a parameter at 0 that counts by its square: its derivative is 0, whatever the image holds."""
 Trades = tuple[tuple[str, float], ...]
 
 
@@ -131,12 +132,14 @@ def knowledge(
             together=float(together[k]),
             with_heights=float(with_heights[k]),
             trades=traded(k),
-            verdict=_verdict(float(with_heights[k]) / parameter.prior),
+            verdict=_verdict(parameter, nominal[parameter.name], float(with_heights[k]) / parameter.prior),
         )
         for k, parameter in enumerate(parameters)
     ]
     return Knowledge(tuple(found), tuple(directions(told, priors)), told)
 
 
-def _verdict(remaining: float) -> Verdict:
+def _verdict(parameter: Parameter, value: float, remaining: float) -> Verdict:
+    if parameter.is_squared and value == 0:
+        return "only its square"
     return "fixed" if remaining <= FIXED else "narrowed" if remaining <= TOLD else "not told"

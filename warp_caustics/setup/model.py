@@ -6,7 +6,8 @@ steps move light by a thousandth of a pixel, and what rounding leaves is a billi
 heights are those of :class:`~warp_caustics.simulator.CausticSimulator`, whose adjoint is exact.
 
 What differences cannot tell: the derivative by the lamp's size, and by the blur of the camera, at 0. Both enter by
-their squares, so it is 0, and the image tells nothing of the first order; take a nominal value above 0.
+their squares, so it is 0, and the image tells nothing of the first order (:attr:`Parameter.is_squared`); take a nominal
+value above 0.
 """
 
 from collections.abc import Iterable

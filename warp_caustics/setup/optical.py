@@ -47,14 +47,22 @@ _COLLIMATED = (
     Parameter("tilt_y_rad", "a_y", "rad", -MAX_TILT_RAD, MAX_TILT_RAD, 5e-3, "light", "of the light towards y"),
     Parameter("vergence_per_m", "v", "1/m", 0.0, LARGEST_VERGENCE, 0.1, "light", "1 / distance of the lamp's image"),
     Parameter(
-        "lamp_half_angle_rad", "theta", "rad", 0.0, MAX_LAMP_HALF_ANGLE_RAD, 3e-3, "light", "half the lamp's extent"
+        "lamp_half_angle_rad",
+        "theta",
+        "rad",
+        0.0,
+        MAX_LAMP_HALF_ANGLE_RAD,
+        3e-3,
+        "light",
+        "half the lamp's extent",
+        is_squared=True,
     ),
 )
 _POINT = (
     Parameter("lamp_x_m", "L_x", "m", -MAX_LENGTH_M, MAX_LENGTH_M, 5e-3, "light", "place of the lamp along x"),
     Parameter("lamp_y_m", "L_y", "m", -MAX_LENGTH_M, MAX_LENGTH_M, 5e-3, "light", "place of the lamp along y"),
     Parameter("lamp_distance_m", "L", "m", 1e-3, MAX_LENGTH_M, 1e-2, "light", "of the lamp from the plate's top"),
-    Parameter("lamp_radius_m", "r", "m", 0.0, MAX_PLATE_M, 5e-4, "light", "of the lamp's disc"),
+    Parameter("lamp_radius_m", "r", "m", 0.0, MAX_PLATE_M, 5e-4, "light", "of the lamp's disc", is_squared=True),
 )
 
 

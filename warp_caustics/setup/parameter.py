@@ -22,6 +22,8 @@ class Parameter:
         prior: standard deviation of what a laboratory does not know about it.
         part: where in the set-up it belongs.
         meaning: in a few words.
+        is_squared: an image depends on its square, the variance that it adds to footprints or to the PSF. At 0 the
+            derivative is 0 whatever the image would tell of sizes above.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Parameter:
     prior: float
     part: Part
     meaning: str
+    is_squared: bool = False
 
     def __post_init__(self) -> None:
         if self.low > self.high:

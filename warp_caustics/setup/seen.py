@@ -35,7 +35,8 @@ def camera_places(parameters: CameraParameters) -> dict[str, tuple[Parameter, Pl
     def add(
         name: str, symbol: str, unit: str, low: float, high: float, prior: float, meaning: str, place: Place
     ) -> None:
-        found[name] = Parameter(name, symbol, unit, low, high, prior, "camera", meaning), place
+        is_squared = place[0] in BLURRING
+        found[name] = Parameter(name, symbol, unit, low, high, prior, "camera", meaning, is_squared), place
 
     for k, axis in enumerate(_AXES):
         what = f"of the picture towards {axis}"

@@ -17,7 +17,7 @@ from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.model import Limits, LineModel, rows_of
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.resampling import resampled
+from warp_caustics.resampling import resampled, spline_reach
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -47,7 +47,9 @@ def test_lines_are_fitted_to_channels_that_lie_together(method, simulator):
     free.camera.shift[0], free.camera.shift[2] = (0.5, 0.2), (-0.3, -0.4)
     image = image_of(relief(*TWO), simulator)
     shift = torch.tensor(free.camera.shift)
-    moved = resampled(torch.tensor(image.irradiance).double(), shift, torch.zeros(3), torch.zeros(3).double(), 4)
+    moved = resampled(
+        torch.tensor(image.irradiance).double(), shift, torch.zeros(3), torch.zeros(3).double(), spline_reach(0)
+    )
     method.free, method.options = free, method.options.model_copy(update={"fit_lines": None})
     found = method.reconstruct(CausticImage(moved.numpy(), image.noise_std), PLATE).reconstruction
     assert found.counters["camera"]["shift_px"] == free.camera.shift.tolist()

@@ -32,7 +32,8 @@ def caustics(count=2):
 def test_a_camera_without_effects_changes_nothing():
     images = caustics()
     cameras = draw_cameras(CameraConfig(**NONE), 2, 3, rng())
-    assert (seen(images, FLAT, cameras, rng()) - images).abs().max() < 1e-6 * images.max()
+    # The splines' filter is cut at 1e-6, along both axes.
+    assert (seen(images, FLAT, cameras, rng()) - images).abs().max() < 5e-6 * images.max()
 
 
 def test_each_range_is_reached_and_kept():

@@ -45,7 +45,7 @@ def test_whole_pixels_of_shift_are_exact(scene, image, free):
 
 @pytest.mark.parametrize(("period", "tolerance"), [(4.0, 2e-3), (6.0, 1.1e-4), (8.0, 2e-5)])
 def test_a_shift_of_half_a_pixel_does_not_soften(period, tolerance):
-    """The sinc of the training's cameras changes a wave of 6 px by 5e-3, linear interpolation by 0.13."""
+    """A windowed sinc of eight taps changes a wave of 6 px by 5e-3, linear interpolation by 0.13."""
     scene = Scene(image_pixels=96, wavelengths_m=(530e-9,), radiosity_W_m2=(1.0,))
     seen = camera(CameraConfig(shift_px=(0.5, 0.3)), scene)(waves(96, 96, period)[None])
     error = (seen[0] - waves(96, 96, period, 0.5, 0.3))[24:-24, 24:-24]

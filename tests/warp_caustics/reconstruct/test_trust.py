@@ -32,11 +32,11 @@ def light(heights, blur_px=0.0):
     return image.numpy()
 
 
-def trust(clean, heights, noise=0.0, known=True, mask=None):
+def trust(clean, heights, noise=0.0, known=True, mask=None, found_at=None):
     rng = np.random.default_rng(0)
     noisy = clean + noise * np.sqrt(np.maximum(clean, 0.05)) * rng.standard_normal(clean.shape)
     image = CausticImage(noisy.astype(np.float32), np.full(3, noise) if known and noise else None, mask)
-    return Resimulation(CausticSimulator(SCENE), image).trust(heights)
+    return Resimulation(CausticSimulator(SCENE), image).trust(heights, found_at)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.1, 0.3])
@@ -69,6 +69,45 @@ def test_what_errs_by_a_little_is_explained_in_part():
     found = trust(light(relief(*LINES)), 0.75 * relief(*LINES), 0.005)
     assert found.is_explained is False and not found.is_beyond_relief
     assert found.line.startswith("explained in part: ") and "a flat plate" in found.line
+
+
+def fine_ripple():
+    """A ripple of two samples, 1.5 um high, of which coarse pixels hardly tell [m], shape [64, 64]."""
+    sign = (-1.0) ** np.arange(64)
+    return 1.5e-6 * sign[:, None] * sign
+
+
+def test_what_was_found_on_a_coarse_image_is_judged_there():
+    """By means over its pixels, with their noise and the coarse simulation's error; finer ones had no say."""
+    heights = relief(*LINES)
+    clean = light(heights)
+    whole, coarse = (trust(clean, heights, 0.05, found_at=pixels) for pixels in (128, 32))
+    assert whole.pixels is None and whole == trust(clean, heights, 0.05)
+    assert coarse.pixels == 32 and " of the image left at 32 of 128 pixels, noise and simulation leave " in coarse.line
+    assert coarse.is_explained and coarse.noise == pytest.approx(whole.noise / 4, rel=0.1)
+    assert coarse.simulation > 1.5 * whole.simulation
+    assert trust(clean, heights + fine_ripple(), 0.01).is_explained is False
+    assert trust(clean, heights + fine_ripple(), 0.01, found_at=32).is_explained
+
+
+@pytest.mark.parametrize(
+    ("found", "begins"),
+    [
+        (relief(), "not explained: "),
+        (0.7 * relief(*LINES), "explained in part: "),
+        (relief(LINES[0]), ("not explained: ", "explained in part: ")),
+    ],
+    ids=["flat", "too low", "a line is missing"],
+)
+def test_a_coarse_image_tells_wrong_heights_as_well(found, begins):
+    seen = trust(light(relief(*LINES)), found, 0.01, found_at=64)
+    assert seen.is_explained is False and seen.line.startswith(begins)
+
+
+def test_a_coarse_image_is_seen_through_the_camera_too():
+    heights = relief(*LINES)
+    found = trust(light(heights, 0.7), heights, 0.01, found_at=64)
+    assert found.is_explained and found.pixels == 64 and found.line.startswith("explained within noise")
 
 
 def test_a_blur_that_no_model_knows_is_named_and_the_truth_stays_believed():

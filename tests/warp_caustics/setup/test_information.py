@@ -167,6 +167,26 @@ def test_known_trade_offs_are_found(told):
     assert not unknown["psf_px.1"].trades
 
 
+@pytest.mark.parametrize("size", [0.0, 0.004])
+def test_at_zero_only_the_square_counts(size):
+    """The image changes by the square of the lamp's size and of the blur; a derivative at 0 says nothing, and is told so."""
+    scene = SCENE.model_copy(update={"lamp_half_angle_rad": size})
+    setup = SetUp.of(scene, CameraConfig(psf_px=100 * size), free=["lamp_half_angle_rad", "psf_px", "gap_m"])
+    assert {p.name for p in setup.parameters if p.is_squared} == set(setup.names) - {"gap_m"}
+    model, heights = SetUpModel(setup), bump(SCENE.height_samples)
+    found = {known.parameter.name: known for known in knowledge(setup, model.derivatives(heights), 1e-3).parameters}
+    squared = {name for name, known in found.items() if known.verdict == "only its square"}
+    assert squared == (set() if size else set(setup.names) - {"gap_m"})
+    if not size:
+        at, large, small = (setup.nominal.clone() for _ in range(3))
+        number = setup.names.index("lamp_half_angle_rad")
+        large[number], small[number] = 2e-3, 1e-3
+        plain = model.image(heights, at)
+        ratio = (model.image(heights, large) - plain).norm() / (model.image(heights, small) - plain).norm()
+        assert float(ratio) == pytest.approx(4, rel=0.05)
+        assert found["lamp_half_angle_rad"].alone > 100 * found["lamp_half_angle_rad"].parameter.prior
+
+
 def test_knowledge_is_ordered(told):
     """Knowing all else is at least as good as knowing it by its priors, and that as not knowing heights."""
     for found in told:

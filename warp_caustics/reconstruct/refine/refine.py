@@ -175,4 +175,5 @@ class Refine(Reconstructor):
             counters={"evaluations": len(log.history), "exposure": resimulation.exposure.tolist()},
             settings=options.model_dump() | {"levels": sizes},
             warnings=warnings,
+            found_at=sizes[-1],
         )
