@@ -2,8 +2,8 @@
 
 python -m benchmarks.random_bench --device cuda --bench ordinary [--processes 3]
 
-With ``--processes`` so many work at once, as with ``nsfc data build --workers``: strokes are drawn on the host, one core
-each, while the others keep a GPU busy.
+With ``--processes`` so many work at once, as with ``nsfc data build --workers``: strokes are drawn on the host, one
+core each, while the others keep a GPU busy.
 """
 
 import argparse
