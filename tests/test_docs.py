@@ -10,6 +10,10 @@ import click
 import numpy as np
 import pytest
 
+from tests.quick_figures import quick_figures
+
+__all__ = ["quick_figures"]
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = [
@@ -32,7 +36,8 @@ RUN = [
     (r"nsfc simulate examples/", None, "files of the checkout; tests/cli/test_simulate.py runs it"),
     (r"nsfc simulate ", {}, SMALL),
     (r"nsfc data build .*--scheduler", None, "needs a Dask scheduler; tests/data_gen/store/test_cluster.py has one"),
-    (r"nsfc data build ", {r"--n \d+": "--n 2"}, SMALL),
+    (r"nsfc data build updater sets/", {r"--n \d+": "--n 2"}, SMALL),
+    (r"nsfc data build ", {r"--n \d+": "--n 2"}, (*SMALL, "--workers", "0")),
     (r"nsfc data testset ", None, "16 million photons per field; tests/cli/test_data.py runs a small one"),
     (r"nsfc data ", {}, ()),
     (

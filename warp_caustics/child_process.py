@@ -29,11 +29,17 @@ def start_child(name: str, target: Callable[..., Any], *arguments: Any) -> tuple
     # The mask is inherited.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        # With this copy closed, the child's death ends the pipe.
-        theirs.close()
+        try:
+            process.start()
+        finally:
+            # With this copy closed, the child's death ends the pipe.
+            theirs.close()
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    except BaseException:
+        # A Ctrl-C that waited: nobody would end the child, and this process would wait for it when it ends.
+        if process.pid is not None:
+            end_child(process, ours)
+        raise
     return process, ours
 
 

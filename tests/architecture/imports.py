@@ -2,6 +2,7 @@
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -31,23 +32,27 @@ def modules(*packages, root=ROOT):
     return {module_name(path, root): path for package in packages for path in sorted((root / package).rglob("*.py"))}
 
 
+@cache
 def imports(source):
     """Imported modules and names of a file's source, each with how it is imported."""
-    tree = ast.parse(source)
-    how = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            how |= {id(inner): "for types" for child in node.body for inner in ast.walk(child)}
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            how |= {id(inner): "in a function" for inner in ast.walk(node)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, None, how.get(id(node), "at the top")
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "relative import"
-            for alias in node.names:
-                yield node.module, alias.name, how.get(id(node), "at the top")
+    return tuple(_imports(ast.parse(source), "at the top"))
+
+
+def _imports(node, how):
+    if isinstance(node, ast.Import):
+        yield from ((alias.name, None, how) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        assert node.level == 0, "relative import"
+        yield from ((node.module, alias.name, how) for alias in node.names)
+    elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        for part in node.body:
+            yield from _imports(part, "for types")
+        for part in node.orelse:
+            yield from _imports(part, how)
+    elif not isinstance(node, ast.expr):  # an expression holds no statement
+        inside = "in a function" if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else how
+        for part in ast.iter_child_nodes(node):
+            yield from _imports(part, inside)
 
 
 def arrows(files):

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from tests.quick_figures import full_figures, quick_figures
 from warp_caustics.prints.line import Line, line_relief
+
+__all__ = ["full_figures", "inputs", "quick_figures", "relief"]
 
 
 @pytest.fixture(scope="session")

@@ -189,7 +189,7 @@ def test_what_counts_as_a_batch(images, tmp_path, monkeypatch):
         image_list([str(tmp_path / "empty")])
 
 
-def test_uncertainty_is_written_where_there_is_one(fake, inputs, tmp_path, monkeypatch, capsys):
+def test_uncertainty_is_written_where_there_is_one(full_figures, fake, inputs, tmp_path, monkeypatch, capsys):
     """Its files can be replaced by a result without."""
     import cli.job
 

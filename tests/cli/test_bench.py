@@ -2,12 +2,14 @@
 
 import html.parser
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 import nets.evaluation.run as run_module
 from cli.main import main
+from cli.marker import MARKER
 from data_gen.suites.light import true_heights
 from data_gen.suites.suites import suite_cases
 from warp_caustics.errors import InputError
@@ -46,16 +48,41 @@ class Lab:
 
 @pytest.fixture
 def lab(monkeypatch):
+    return installed(monkeypatch)
+
+
+def installed(patch):
+    """A laboratory in place of the methods."""
     found = Lab()
-    monkeypatch.setattr(run_module, "create_method", found.create)
-    monkeypatch.setattr(run_module, "known_methods", lambda: ("direct",))
-    monkeypatch.setattr("nets.evaluation.cells.warm_up", lambda scene, device: None)
+    patch.setattr(run_module, "create_method", found.create)
+    patch.setattr(run_module, "known_methods", lambda: ("direct",))
+    patch.setattr("nets.evaluation.cells.warm_up", lambda scene, device: None)
     return found
 
 
 def run(output, *options, methods="direct"):
     arguments = ["bench", "run", "--suite", "lab", "--methods", methods, "-o", str(output), "--fields", "1"]
     return main([*arguments, "--rows", ROWS, "--device", "cpu", "--n-photons", "2e4", *options])
+
+
+@pytest.fixture
+def images(made, tmp_path):
+    """A folder of results whose images are there already."""
+    out = tmp_path / "out"
+    out.mkdir()
+    shutil.copytree(made / "images", out / "images")
+    shutil.copy(made / MARKER, out / MARKER)
+    return out
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A run of two cells, in its folder; not to be changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        installed(patch)
+        out = tmp_path_factory.mktemp("bench") / "out"
+        assert run(out) == 0
+    return out
 
 
 def table(folder):
@@ -91,9 +118,8 @@ def test_run_scores_pictures_and_goes_on(lab, tmp_path, capsys):
     before = (out / "table.json").read_bytes()
     assert run(out) == 0 and len(lab.calls) == 3
     assert table(out)["rows"] == json.loads(before)["rows"]
-    # Images that are lost are the same again.
-    for path in (out / "images").iterdir():
-        path.unlink()
+    # An image that is lost is the same again.
+    min((out / "images").iterdir()).unlink()
     assert run(out) == 0 and len(lab.calls) == 3
     assert run(out, methods="direct:level_m=2e-4") == 0 and len(lab.calls) == 5
     np.testing.assert_array_equal(lab.calls[0][1], lab.calls[3][1])
@@ -119,23 +145,22 @@ class Page(html.parser.HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_stands_alone(lab, tmp_path):
-    assert run(tmp_path / "out") == 0
-    text = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+def test_page_stands_alone(made):
+    text = (made / "index.html").read_text(encoding="utf-8")
     page = Page()
     page.feed(text)
     assert page.open == [] and page.tags.count("img") == 2 and page.tags.count("table") == 2
     assert all(link.startswith("data:image/png;base64,iVBOR") for link in page.links)
-    assert "http" not in text and str(tmp_path) not in text
-    assert f"{table(tmp_path / 'out')['rows'][0]['rmse_um']:.4g}" in text
+    assert "http" not in text and str(made.parent) not in text
+    assert f"{table(made)['rows'][0]['rmse_um']:.4g}" in text
     assert "not comparable" in text  # fewer light paths than the suite's
 
 
-def test_a_method_that_fails_everywhere(lab, tmp_path, capsys):
+def test_a_method_that_fails_everywhere(lab, images, capsys):
     lab.fails = True
-    assert run(tmp_path / "out") == 3
+    assert run(images) == 3
     assert "2 of 2 cells failed: direct: no" in capsys.readouterr().err
-    assert "<h2>Failed</h2>" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "<h2>Failed</h2>" in (images / "index.html").read_text(encoding="utf-8")
 
 
 def test_export_and_score_of_its_truth(tmp_path, capsys):

@@ -46,7 +46,7 @@ def capture(*arguments):
 
 
 @pytest.mark.parametrize("corners", ["auto", "corners.csv"])
-def test_photo_to_irradiance(frames, tmp_path, capsys, monkeypatch, corners):
+def test_photo_to_irradiance(full_figures, frames, tmp_path, capsys, monkeypatch, corners):
     monkeypatch.chdir(frames)
     options = "--dark", "dark.tif", "--flat", "flat.tif", "--corners", corners
     out, steps, mask = (tmp_path / name for name in ("out.tif", "steps.png", "mask.png"))

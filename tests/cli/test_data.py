@@ -151,7 +151,7 @@ def test_unfinished_sets_are_shown_but_not_trained_on(updater, tmp_path, capsys)
     assert "2/3" in capsys.readouterr().err
 
 
-def test_preview_is_a_picture_of_as_many_samples_as_asked_for(updater, tmp_path, capsys):
+def test_preview_is_a_picture_of_as_many_samples_as_asked_for(full_figures, updater, tmp_path, capsys):
     for count in (1, 3):
         output = tmp_path / f"{count}.png"
         assert main(["data", "preview", str(updater), "-o", str(output), "--samples", str(count)]) == 0

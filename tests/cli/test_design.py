@@ -114,7 +114,7 @@ def test_integers_are_srgb_and_floats_linear(tmp_path):
     assert target[:, :20].mean() / target[:, -20:].mean() == pytest.approx(188 / 255, abs=0.01)
 
 
-def test_lengths_have_units(made, tmp_path):
+def test_lengths_have_units(full_figures, made, tmp_path):
     options = (
         "--screen-distance",
         "300mm",

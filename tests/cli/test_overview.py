@@ -68,7 +68,7 @@ def figure_of(scene, value):
     return overview_figure(scene=scene, measured=image, simulated=image, heights_m=np.zeros((16, 16)))
 
 
-def test_a_black_image_matched_perfectly_is_still_a_picture(tmp_path, tiny_scene):
+def test_a_black_image_matched_perfectly_is_still_a_picture(full_figures, tmp_path, tiny_scene):
     write_figure(tmp_path / "a.png", figure_of(tiny_scene, 0.0))
     picture = read_image(tmp_path / "a.png").values
     assert picture.shape[1:] == (1000, 1100) and np.ptp(picture) > 0

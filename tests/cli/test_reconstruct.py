@@ -38,7 +38,7 @@ def reconstruct(image, output, *options):
     return main([*arguments, *map(str, options)])
 
 
-def test_result_folder_is_complete(fake, inputs, tmp_path, relief, capsys):
+def test_result_folder_is_complete(full_figures, fake, inputs, tmp_path, relief, capsys):
     options = "--initial", inputs / "heights.npy", "--reference", inputs / "heights.npy"
     assert reconstruct(inputs / "image.tif", tmp_path / "out", *options) == 0
     out = tmp_path / "out"

@@ -27,7 +27,7 @@ def defect():
     return excess
 
 
-def test_a_good_plate_passes_and_leaves_everything_behind(fake, inputs, lines_csv, tmp_path, capsys):
+def test_a_good_plate_passes_and_leaves_everything_behind(full_figures, fake, inputs, lines_csv, tmp_path, capsys):
     out = tmp_path / "out"
     assert inspect(inputs / "image.tif", "--nominal", lines_csv, "-o", out) == 0
     assert sorted(os.listdir(out)) == sorted((*FILES, *UNCERTAINTY_FILES, *OWN_FILES, MARKER))

@@ -42,7 +42,7 @@ def rows(folder):
     return found
 
 
-def test_one_row_per_plate_and_a_bad_image_stops_nothing(fake, plates, lines_csv, tmp_path):
+def test_one_row_per_plate_and_a_bad_image_stops_nothing(full_figures, fake, plates, lines_csv, tmp_path):
     out = tmp_path / "out"
     assert inspect(plates, "--nominal", lines_csv, "-o", out) == 3
     table = rows(out)

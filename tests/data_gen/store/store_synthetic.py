@@ -1,4 +1,7 @@
-"""Small, fast and misbehaving samplers. A module of its own, because spawned workers import it."""
+"""Small, fast and misbehaving samplers. A module of its own, because spawned workers import it.
+
+It must load neither torch nor Warp, which would be most of what each of some hundred workers does.
+"""
 
 import functools
 import os
@@ -9,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from data_gen.bench_ranges import BenchRanges
-from data_gen.benches.columns import bench_columns
+from data_gen.benches.columns import PRINT_NAMES, bench_columns
 from data_gen.benches.draw import draw_benches
-from data_gen.benches.prints import PrintKinds
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.sampler import Field, SampleBatch
 
@@ -80,17 +82,18 @@ class SyntheticSampler:
 
 
 class SyntheticCaptures(SyntheticSampler):
-    """The same with benches as captures have them: rows of named numbers, drawn as the real ones are."""
+    """The same with benches as captures have them: rows of named numbers, drawn as the real ones are but for prints."""
 
     def __init__(self, config, **options):
         super().__init__(config, **options)
-        self.config, self.kinds = config, PrintKinds(config, self.fingerprint)
+        self.config = config
         columns = bench_columns(config.scene.n_wavelengths)
         self.fields = (*FIELDS, Field("bench", (len(columns),), "float64", "", "a bench", columns))
 
     def fill(self, arrays, row, sample):
         super().fill({field.name: arrays[field.name] for field in self.fields}, row, sample)
-        printed = self.kinds.columns([sample])
+        random = sample_generator(self.fingerprint, "prints", sample)
+        printed = {name: random.random(1) for name in PRINT_NAMES}
         arrays["bench"][row] = draw_benches(self.config, self.fingerprint, [sample], printed).values[0]
 
 

@@ -32,7 +32,7 @@ BLUR = CameraConfig(psf_px=0.8)
 def by_oracle(scene, setup, name, step):
     """Five-point difference of the oracle's images, h^4 (Abramowitz and Stegun, 25.3.6), [n_w, m, m]."""
     heights = bump(8)
-    model = SetUpModel(setup, n_photons=24**2)
+    model = SetUpModel(setup, n_photons=16**2)
     simulator = model._simulator
     ((_, positions),) = simulator.engine.chunks(1)
     k = setup.names.index(name)
@@ -75,7 +75,7 @@ def test_against_differences_of_the_oracle(scene, name, step):
     assert float(expected[inner].norm()) > 0
     assert float((found - expected).norm() / expected.norm()) < 1e-5
     camera = Camera(BLUR, scene, dtype=torch.float64)
-    seen = SetUpModel(SetUp.of(scene, BLUR, [name]), n_photons=24**2).jacobian(bump(8))[0]
+    seen = SetUpModel(SetUp.of(scene, BLUR, [name]), n_photons=16**2).jacobian(bump(8))[0]
     wanted = camera.linear(expected)
     assert float((seen - wanted).norm() / wanted.norm()) < 1e-5
 
@@ -84,7 +84,7 @@ def test_vergence_from_parallel_light_on():
     """At its bound the derivative is from one side: against a parabola through the oracle's point sources."""
     scene = COLLIMATED
     setup = SetUp.of(scene, free=["vergence_per_m"])
-    model = SetUpModel(setup, n_photons=24**2)
+    model = SetUpModel(setup, n_photons=16**2)
     ((_, positions),) = model._simulator.engine.chunks(1)
 
     def image(v):

@@ -1,0 +1,28 @@
+"""Pictures of commands in a third of the time, where a test looks at something else.
+
+Every panel, line and text of a figure is still drawn; what is left out is the search for a layout in which no text
+touches another, which draws everything twice more, and most pixels. A test that asks for ``full_figures`` gets them as
+they are.
+"""
+
+import pytest
+from matplotlib.figure import Figure
+
+DPI = 20
+_savefig = Figure.savefig
+
+
+def _quickly(figure, target, **options):
+    figure.set_layout_engine("none")
+    _savefig(figure, target, **{**options, "dpi": DPI})
+
+
+@pytest.fixture(autouse=True)
+def quick_figures(request, monkeypatch):
+    if "full_figures" not in request.fixturenames:
+        monkeypatch.setattr(Figure, "savefig", _quickly)
+
+
+@pytest.fixture
+def full_figures():
+    """Asked for by tests of how figures look."""
