@@ -17,7 +17,9 @@ _SPAWN = multiprocessing.get_context("spawn")
 def start_child(name: str, target: Callable[..., Any], *arguments: Any) -> tuple[SpawnProcess, Connection]:
     """A process, and this end of a pipe to it.
 
-    Until the child calls :func:`leave_ctrl_c_to_parent` a Ctrl-C waits for it.
+    Until the child calls :func:`leave_ctrl_c_to_parent` a Ctrl-C waits for it. Call this, and note the process down, inside
+    :func:`warp_caustics.signals.deferred`: a process that nobody knows of is ended by nobody, and the interpreter waits
+    for it when it ends.
 
     Args:
         name: of the process.
@@ -29,17 +31,11 @@ def start_child(name: str, target: Callable[..., Any], *arguments: Any) -> tuple
     # The mask is inherited.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        try:
-            process.start()
-        finally:
-            # With this copy closed, the child's death ends the pipe.
-            theirs.close()
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    except BaseException:
-        # A Ctrl-C that waited: nobody would end the child, and this process would wait for it when it ends.
-        if process.pid is not None:
-            end_child(process, ours)
-        raise
+        process.start()
+    finally:
+        # With this copy closed, the child's death ends the pipe.
+        theirs.close()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return process, ours
 
 

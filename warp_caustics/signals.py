@@ -40,3 +40,22 @@ def answered(answer: Callable[[int, Restore], None], *numbers: signal.Signals) -
         yield
     finally:
         restore()
+
+
+@contextmanager
+def deferred(*numbers: signal.Signals) -> Iterator[None]:
+    """Inside, signals wait; those that came are raised at the end.
+
+    For what must be done whole, such as starting a process and noting it down. A mask would not do: threads that do not
+    block a signal receive it too, and Python's main thread answers.
+
+    Args:
+        numbers: of the signals.
+    """
+    arrived: list[int] = []
+    try:
+        with answered(lambda number, _restore: arrived.append(number), *numbers):
+            yield
+    finally:
+        for number in arrived:
+            signal.raise_signal(number)

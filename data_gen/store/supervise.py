@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pickle
+import signal
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from data_gen.store.worker import PUBLISHERS, WorkerJob, run_worker
 from warp_caustics import errors
 from warp_caustics.child_process import cause_of_death, end_child, start_child
 from warp_caustics.errors import CausticsError, InputError, MismatchError, ResourceError
+from warp_caustics.signals import deferred
 
 DEPTH = 1 + PUBLISHERS
 """Shards in a worker's hands: one being drawn, the others being written."""
@@ -98,7 +100,7 @@ class Supervisor:
         _require_picklable(self._job)
         try:
             for number, device in enumerate(self._devices):
-                self._workers.append(self._spawn(number, device))
+                self._spawn(number, device)
             while self._pending or self._suspects or any(worker.tasks for worker in self._workers):
                 self._hand_out()
                 self._listen()
@@ -109,10 +111,11 @@ class Supervisor:
             self._kill_all()
         return {shard: deaths for shard, deaths in self._deaths.items() if len(deaths) >= MOST_DEATHS}
 
-    def _spawn(self, number: int, device: str) -> _Worker:
+    def _spawn(self, number: int, device: str) -> None:
         job = replace(self._job, device=device, parent=os.getpid())
-        process, connection = start_child(f"nsfc-worker-{number}", run_worker, job)
-        return _Worker(number, device, process, connection, time.monotonic())
+        with deferred(signal.SIGINT, signal.SIGTERM):
+            process, connection = start_child(f"nsfc-worker-{number}", run_worker, job)
+            self._workers.append(_Worker(number, device, process, connection, time.monotonic()))
 
     def _hand_out(self) -> None:
         for worker in self._workers:
@@ -201,7 +204,7 @@ class Supervisor:
         else:
             self._blame(worker, who, why)
         if self._pending or self._suspects:
-            self._workers.append(self._spawn(worker.number, worker.device))
+            self._spawn(worker.number, worker.device)
 
     def _blame(self, worker: _Worker, who: str, why: str) -> None:
         for task in reversed(worker.tasks.values()):

@@ -3,10 +3,11 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
 
-from warp_caustics.signals import answered
+from warp_caustics.signals import answered, deferred
 
 
 def test_signals_call_the_answer_and_then_what_they_did_before():
@@ -56,3 +57,27 @@ def test_nothing_changes_in_other_threads():
     thread.start()
     thread.join()
     assert handlers == [signal.getsignal(signal.SIGTERM)]
+
+
+def test_a_deferred_signal_comes_at_the_end():
+    done = []
+    with pytest.raises(KeyboardInterrupt), deferred(signal.SIGINT):
+        signal.raise_signal(signal.SIGINT)
+        done.append("started")
+        done.append("noted")
+    assert done == ["started", "noted"]
+    with deferred(signal.SIGINT):
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_deferred_signal_of_another_thread_waits_too():
+    """A mask of the main thread would not keep it: the process gets it in a thread that has none."""
+    done = []
+    with pytest.raises(KeyboardInterrupt), deferred(signal.SIGINT):
+        thread = threading.Thread(target=os.kill, args=(os.getpid(), signal.SIGINT))
+        thread.start()
+        thread.join()
+        time.sleep(0.05)
+        done.append("whole")
+    assert done == ["whole"]
