@@ -17,9 +17,9 @@ _SPAWN = multiprocessing.get_context("spawn")
 def start_child(name: str, target: Callable[..., Any], *arguments: Any) -> tuple[SpawnProcess, Connection]:
     """A process, and this end of a pipe to it.
 
-    Until the child calls :func:`leave_ctrl_c_to_parent` a Ctrl-C waits for it. Call this, and note the process down, inside
-    :func:`warp_caustics.signals.deferred`: a process that nobody knows of is ended by nobody, and the interpreter waits
-    for it when it ends.
+    Until the child calls :func:`leave_ctrl_c_to_parent` a Ctrl-C waits for it. Call this, and note the process down,
+    inside :func:`warp_caustics.signals.deferred`: a process that nobody knows of is ended by nobody, and the
+    interpreter waits for it when it ends.
 
     Args:
         name: of the process.
