@@ -58,7 +58,7 @@ def test_denoiser_set_holds_pairs(tmp_path):
 CAMERA = ["--set", "data.bench.camera.psf_px=[0.1,0.5]"]
 
 
-def test_captures_come_from_benches_of_their_own(tmp_path, capsys):
+def test_captures_come_from_benches_of_their_own(full_figures, tmp_path, capsys):
     """Build, what info and the picture say of it, and the same command again."""
     folder = tmp_path / "set"
     assert build_set(folder, "--bench", "careful", *CAMERA, kind="capture", n=4) == 0
