@@ -20,8 +20,15 @@ from warp_caustics.camera.parameters import CameraParameters
 from warp_caustics.camera.photographs import photographs
 from warp_caustics.scene import Scene
 
-SIDE = CameraConfig(psf_px=0.5, frame_px=(720, 640), corners_px=((90, 40), (640, 52), (622, 600), (78, 580)))
 REPEATS = 5
+
+
+def from_the_side(pixels: int) -> CameraConfig:
+    """A camera that looks from the side; 720 x 640 for pictures of 512 pixels."""
+    corners = ((90, 40), (640, 52), (622, 600), (78, 580))
+    places = tuple((x * pixels / 512, y * pixels / 512) for x, y in corners)
+    frame = (round(720 * pixels / 512), round(640 * pixels / 512))
+    return CameraConfig(psf_px=0.5, frame_px=frame, corners_px=places)
 
 
 def main() -> None:
@@ -34,7 +41,7 @@ def main() -> None:
     scene = Scene(image_pixels=arguments.pixels)
     image, flat = caustic(scene, arguments.device)
     cameras = {"perfect": CameraConfig()} | {name: read_camera(path) for name, path in CAMERAS.items()}
-    cameras |= {"from the side": SIDE}
+    cameras |= {"from the side": from_the_side(arguments.pixels)}
     print("| camera | operator | and derivative | photo, dark, flat |")
     print("|---|---|---|---|")
     for name, config in cameras.items():
