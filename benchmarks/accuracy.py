@@ -8,6 +8,7 @@ Reference data: tests/data (another renderer). About three minutes on two CPU co
 import argparse
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -44,7 +45,8 @@ def row(name: str, value: str) -> None:
 
 
 def heights_of(case: str) -> np.ndarray:
-    return np.load(DATA / f"{case}_trace.npz")["heights_m"]
+    heights: np.ndarray = np.load(DATA / f"{case}_trace.npz")["heights_m"]
+    return heights
 
 
 def blurred_error(image: np.ndarray, reference: np.ndarray) -> float:
@@ -133,7 +135,7 @@ def gradients(device: str) -> None:
         scale = float(leaf.grad.abs().max())
         row(f"gradient, {name}: against the oracle", f"{float((grad.cpu() - leaf.grad).abs().max()) / scale:.1e}")
         warp_device = simulator.engine.warp_device
-        on_tape = wp.array(heights[:1].cpu().numpy(), dtype=wp.float64, device=warp_device, requires_grad=True)
+        on_tape: Any = wp.array(heights[:1].cpu().numpy(), dtype=wp.float64, device=warp_device, requires_grad=True)
         tape = wp.Tape()
         with tape:
             image = simulate_on_tape(tape, simulator, on_tape)

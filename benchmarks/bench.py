@@ -147,7 +147,9 @@ def with_tables(text: str, tree: Mapping[str, Any]) -> str:
         if not pattern.search(text):
             raise SystemExit(f"docs/bench.md has no place for the table of {suite}; write {begin.strip()} and {end}")
         new = begin + "\n" + "\n".join(table(tree, suite)) + "\n\n" + end
-        text = pattern.sub(lambda _, new=new: new, text)
+        # In two pieces: what is put in may hold backslashes.
+        before, after = pattern.split(text, maxsplit=1)
+        text = before + new + after
     return text
 
 

@@ -35,10 +35,17 @@ def psnr_db(image: np.ndarray, clean: np.ndarray, peak: float = 1.0) -> float:
 def non_local_means(image: np.ndarray, strength: float) -> np.ndarray:
     """Non-local means with a strength relative to the image's estimated noise."""
     sigma = float(estimate_sigma(image))
-    return denoise_nl_means(image, patch_size=5, patch_distance=9, h=strength * sigma, sigma=sigma, fast_mode=True)
+    denoised: np.ndarray = denoise_nl_means(
+        image, patch_size=5, patch_distance=9, h=strength * sigma, sigma=sigma, fast_mode=True
+    )
+    return denoised
 
 
-def best(parameters: tuple[float, ...], method: Callable[[np.ndarray, float], np.ndarray], pairs: list) -> float:
+def best(
+    parameters: tuple[float, ...],
+    method: Callable[[np.ndarray, float], np.ndarray],
+    pairs: list[tuple[np.ndarray, np.ndarray]],
+) -> float:
     """The parameter of the highest mean PSNR."""
     scores = [np.mean([psnr_db(method(noisy, p), clean) for noisy, clean in pairs]) for p in parameters]
     return parameters[int(np.argmax(scores))]
@@ -68,7 +75,7 @@ def main() -> None:
     pairs = [(noisy[k, c], clean[k, c]) for k in range(min(2, len(noisy))) for c in range(noisy.shape[1])]
     sigma = best(SIGMAS_PX, gaussian_filter, pairs)
     strength = best(STRENGTHS, non_local_means, pairs)
-    others = {
+    others: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "noisy": lambda image: image,
         f"Gaussian, {sigma} px": lambda image: gaussian_filter(image, sigma),
         f"non-local means, {strength}": lambda image: non_local_means(image, strength),

@@ -198,6 +198,7 @@ def main() -> None:
             arguments.picture.mkdir(exist_ok=True)
             name = f"plate {arguments.first + k} ({defect or 'good'}): {found.verdict}"
             draw(found, name, arguments.picture / f"{arguments.first + k}.png")
+            assert found.limit_m is not None and found.undecided is not None
             np.savez_compressed(
                 arguments.picture / f"{arguments.first + k}.npz",
                 deviation_m=found.deviation_m,

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.patches import Rectangle
 
 from warp_caustics.camera.config import CameraConfig, read_camera
 from warp_caustics.camera.operator import Camera
@@ -53,7 +54,7 @@ def main(target: Path) -> None:
         part.imshow(picture[DETAIL], interpolation="nearest")
         top, left = DETAIL[0].start, DETAIL[1].start
         size = DETAIL[0].stop - top
-        whole.add_patch(plt.Rectangle((left, top), size, size, fill=False, color="white", lw=0.8))
+        whole.add_patch(Rectangle((left, top), size, size, fill=False, color="white", lw=0.8))
         for axes in (whole, part):
             axes.set(xticks=[], yticks=[])
     figure.savefig(target, dpi=100)

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 import yaml
+from matplotlib.patches import Rectangle
 
 from data_gen.bench_ranges import BenchRanges
 from data_gen.benches.bench_set import Benches
@@ -55,7 +56,7 @@ def main(target: Path) -> None:
         part.imshow(picture[DETAIL], interpolation="nearest")
         top, left = DETAIL[0].start, DETAIL[1].start
         size = DETAIL[0].stop - top
-        whole.add_patch(plt.Rectangle((left, top), size, size, fill=False, color="white", lw=0.8))
+        whole.add_patch(Rectangle((left, top), size, size, fill=False, color="white", lw=0.8))
         words = "perfect in everything" if name == "ideal" else "\n".join(bench_lines(drawn.record(0)))
         part.set_xlabel(words, fontsize=8, loc="left")
         for axes in (whole, part):

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from data_gen.suites.light import Light
@@ -32,7 +31,6 @@ def main() -> None:
     cases = [case for case in suite_cases("lab") if case.plate.number == PLATE]
     light, plate = Light(arguments.device, arguments.photons), cases[0].plate
     figure = Figure(figsize=(3 * len(cases), 6.2), dpi=80, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
     for column, case in enumerate(cases):
         # The bow is the bench's.
         shown = replace(case, plate=replace(plate, bow_m=case.plate.bow_m))
@@ -45,7 +43,7 @@ def main() -> None:
             axes.set_yticks([])
             if row == 0:
                 axes.set_title(case.row)
-    canvas.print_png(str(arguments.output))
+    figure.savefig(arguments.output)
 
 
 if __name__ == "__main__":

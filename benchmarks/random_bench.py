@@ -96,7 +96,7 @@ def together(processes: int, seconds_each: float, batch: int, options: dict[str,
         process.start()
     for process in started:
         process.join()
-    return sum(counts)
+    return sum(float(counts[rank]) for rank in range(processes))
 
 
 def measured(

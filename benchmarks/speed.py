@@ -123,17 +123,21 @@ def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
     simulator = CausticSimulator(CONTACT, case.preset, n_photons=case.n_photons, device=device)  # type: ignore[arg-type]
     engine = simulator.engine
     fused = engine.fused
-    assert fused is not None
     heights = torch.from_numpy(heights_of("f_lines")[None]).float().to(device)
     coefficients = engine.coefficients(heights)
     chunk = Chunk(0, simulator.n_photons, 0, engine.plan.rows)
-    photons = engine.fused_photons(chunk)
+    photons = engine.fused_photons(chunk, coefficients)
     image = torch.zeros(fused.image_shape(1), device=device)
     weights = torch.randn(1, 3, 512, 512, device=device)
     grad_maps = fused.splat_adjoint(coefficients, photons, weights)
+
+    def splat() -> None:
+        fused.splat(coefficients, photons, image)
+        fused.unpacked(image)
+
     calls: dict[str, Callable[[], object]] = {
         "spline coefficients": lambda: engine.coefficients(heights),
-        "photons to pixels": lambda: (fused.splat(coefficients, photons, image), fused.unpacked(image)),
+        "photons to pixels": splat,
         "adjoint: pixels to surface maps": lambda: fused.splat_adjoint(coefficients, photons, weights),
         "adjoint: maps to coefficients": lambda: engine.maps_adjoint(coefficients, chunk, grad_maps),
     }
