@@ -38,9 +38,7 @@ class Code(nn.Module):
 
     def __init__(self, conditions: int):
         super().__init__()
-        self.layers = nn.Sequential(
-            nn.Linear(2 * conditions, CODE), nn.SiLU(), nn.Linear(CODE, CODE), nn.SiLU()
-        )
+        self.layers = nn.Sequential(nn.Linear(2 * conditions, CODE), nn.SiLU(), nn.Linear(CODE, CODE), nn.SiLU())
 
     def forward(self, told: torch.Tensor) -> torch.Tensor:
         with full_precision(told):

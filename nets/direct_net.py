@@ -25,8 +25,8 @@ class DirectNet(nn.Module):
 
     Input channels per height sample: log((I + eps) / (1 + eps)) and the raw
     image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
-    n_w wavelengths each. A fresh network answers with a flat plate. With ``backbone.conditions`` it is told of its bench
-    besides (:mod:`nets.told`), and sees pictures that :mod:`nets.flat_light` has moved and levelled.
+    n_w wavelengths each. A fresh network answers with a flat plate. With ``backbone.conditions`` it is told of its
+    bench besides (:mod:`nets.told`), and sees pictures that :mod:`nets.flat_light` has moved and levelled.
 
     Args:
         config: architecture.

@@ -1,4 +1,4 @@
-"""Where the light of a plate without relief lands, and how bright it is: taken out of a picture before a network sees it.
+"""Where a flat plate's light lands, and how bright it is: taken out of a picture before a network sees it.
 
 Light that meets the plate at x lands at x + f_w (t + x / D), t its direction at the plate's centre, 1 / D its
 divergence and, by Snell's law at both faces (d base, g gap, n and n' the indices of glass and of what is below),
@@ -8,9 +8,9 @@ divergence and, by Snell's law at both faces (d base, g gap, n and n' the indice
 with s the sine of its angle to the normal. A tilt is a shift for each wavelength, a lamp nearby a magnification, and a
 window aside a shift of all. What is left of the picture is what the relief did.
 
-f is taken at t for the shift; for the magnification at the angle where a straight line through f's third order fits best
-over the square plate: s^2 of x is c x^2, so at <x^4> / <x^2> = 14/15 of the squared half side. What that leaves is below
-0.05 px of 512 for a lamp at 0.25 m.
+f is taken at t for the shift; for the magnification at the angle where a straight line fits its third order best over
+the square plate: at <x^4> / <x^2> = 14/15 of the squared half side. What that leaves is below 0.05 px of 512 for a lamp
+at 0.25 m.
 
 A lamp nearby lights a flat plate by the cube of the cosine of its angle, and the divergence below spreads that by
 (1 + f / D)^2; relative to L_i, which the simulator has at the foot of the lamp.
@@ -62,9 +62,7 @@ class FlatLight:
         sine2 = 1 - cosine2
         return (base / (index**2 - sine2).sqrt() + gap / (outside**2 - sine2).sqrt()) * cosine2.sqrt()
 
-    def places(
-        self, values: torch.Tensor, window_m: torch.Tensor | None = None
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def places(self, values: torch.Tensor, window_m: torch.Tensor | None = None) -> tuple[torch.Tensor, torch.Tensor]:
         """How to move a picture so that a flat plate's light lands where it met the plate.
 
         Args:

@@ -24,8 +24,8 @@ class BackboneConfig(Strict):
     head_channels: Annotated[int, Field(ge=1, le=512)] = 64
     """Most channels of one attention head."""
     conditions: Annotated[int, Field(ge=0, le=256)] = 0
-    """Numbers that a ``direct`` network is told of its bench, 8 and one for each wavelength (``nets/told.py``); 0: it is
-    told nothing, and has no weights for it."""
+    """Numbers that a ``direct`` network is told of its bench, 8 and one for each wavelength (``nets/told.py``); 0: it
+    is told nothing, and has no weights for it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> "BackboneConfig":

@@ -2,8 +2,8 @@
 
 A parameter p goes in as (p - centre) / scale, times 1 where it is known and 0 where it is not, with that 1 or 0 beside
 it. The centre is the scene that the network was made for, the scale half the width of the family in
-``configs/family.yaml``. Collimated light and a lamp nearby are one thing: at a point x of the plate, light travels along
-t + x / D, t its direction at the plate's centre and 1 / D its divergence, 0 for collimated light.
+``configs/family.yaml``. Collimated light and a lamp nearby are one thing: at a point x of the plate, light travels
+along t + x / D, t its direction at the plate's centre and 1 / D its divergence, 0 for collimated light.
 
 Not told: Fresnel's losses, which nobody knows, and where the window lies, which is taken out of the picture beforehand
 (:mod:`nets.flat_light`).
@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import torch
 
+from data_gen.bench_ranges import nominal_lamp_rad
 from warp_caustics.scene import Scene
 
 Turns = Literal["scalar", "x", "y"]
@@ -75,10 +76,6 @@ def bench_values(scene: Scene) -> tuple[float, ...]:
     indices, middle = scene.glass_indices, scene.n_wavelengths // 2
     dispersion = [index - indices[middle] for k, index in enumerate(indices) if k != middle]
     light, divergence = light_of(scene)
-    if scene.is_collimated:
-        lamp = scene.lamp_half_angle_rad
-    else:
-        lamp = math.atan(scene.lamp_radius_m / scene.light_distance_m)
     return (
         scene.base_thickness_m,
         -scene.screen_position_m[2],
@@ -86,7 +83,7 @@ def bench_values(scene: Scene) -> tuple[float, ...]:
         *dispersion,
         *light,
         divergence,
-        lamp,
+        nominal_lamp_rad(scene),
     )
 
 

@@ -9,7 +9,7 @@ import torch
 from data_gen.benches.columns import PRINT_NAMES
 from data_gen.benches.draw import draw_benches, scenes_of
 from data_gen.benches.prints import PrintKinds
-from data_gen.dataset_config import DatasetConfig
+from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.patterns import padded
 from data_gen.samples import Reliefs
 from nets.told import bench_values
@@ -51,10 +51,11 @@ class BenchStream:
     Args:
         dataset: of captures; gives prints, ranges, scene and keys.
         device: where heights are wanted.
+        scene_share: of the samples are on the data set's scene itself.
     """
 
-    def __init__(self, dataset: DatasetConfig, device: torch.device):
-        self.dataset, self.device = dataset, device
+    def __init__(self, dataset: DatasetConfig, device: torch.device, scene_share: float = 0.0):
+        self.dataset, self.device, self.scene_share = dataset, device, scene_share
         self.fingerprint = dataset.sample_fingerprint()
         self.kinds = PrintKinds(dataset, self.fingerprint)
         self.reliefs = [Reliefs(kind, device, self.fingerprint) for kind in self.kinds.datasets]
@@ -97,6 +98,8 @@ class BenchStream:
         # How they are printed is on record in data sets only.
         unrecorded = dict.fromkeys(PRINT_NAMES, np.zeros(len(ids)))
         scenes = scenes_of(self.dataset.scene, draw_benches(self.dataset, self.fingerprint, ids, unrecorded))
+        on_scene = [sample_generator(self.fingerprint, "on the scene", k).random() < self.scene_share for k in ids]
+        scenes = [self.dataset.scene if is_on else scene for is_on, scene in zip(on_scene, scenes, strict=True)]
         values = torch.tensor([bench_values(scene) for scene in scenes], dtype=torch.float32)
         return Drawn(prints, scenes, self._sent(values))
 

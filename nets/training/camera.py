@@ -115,7 +115,7 @@ def seen(
         camera: of each image.
         generator: of the noise, on the images' device.
         places: where pictures are moved afterwards, shift [px], shape [B, n_w, 2], and magnification less 1, shape
-            [B, n_w]; None for nowhere. Both are one resampling, so uneven light and noise are those of the moved picture.
+            [B, n_w]; None for nowhere. It is one resampling: uneven light and noise are those of the moved picture.
     """
     shift, scale = camera.shift, camera.scale
     if places is not None:

@@ -177,6 +177,8 @@ class TrainingConfig(Strict):
     """Through which ``direct`` and ``unrolled`` see their images; None shows them as simulated."""
     bench: BenchRanges | None = None
     """Benches of fresh ``direct`` samples, each its own; None: all on the scene. Their cameras are ``camera``'s."""
+    scene_share: Share = 0.0
+    """Of such samples are on the scene itself; of those that judge a network, none."""
     told: ToldConfig = ToldConfig()
     """What a network with ``network.backbone.conditions`` is told of its benches."""
     replay: ReplayConfig = ReplayConfig()
@@ -244,6 +246,11 @@ class RunConfig(Strict):
         bench, count = self.training.bench, told_count(self.scene.n_wavelengths)
         conditions = self.network.backbone.conditions if self.network.kind == "direct" else 0
         if bench is None:
+            if self.training.scene_share:
+                raise ValueError(
+                    f"training.scene_share is {self.training.scene_share:g}, but all samples are on the scene; set it "
+                    "to 0, or give training.bench"
+                )
             if conditions:
                 raise ValueError(
                     f"network.backbone.conditions is {conditions}, but all samples are on one bench; give "
@@ -257,7 +264,7 @@ class RunConfig(Strict):
                 f"training.bench needs a network that is told of its bench; set network.backbone.conditions to {count}"
             )
         if bench.camera != CameraRanges():
-            raise ValueError("training.bench.camera is not used, a training's cameras are training.camera; leave it out")
+            raise ValueError("training.bench.camera is not used, training.camera is; leave it out")
         bench.check(self.scene)
 
 

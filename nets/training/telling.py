@@ -11,7 +11,6 @@ from nets.told import CAMERA, ToldTable, turned
 from nets.training.camera import Camera
 from nets.training.told_config import ToldConfig
 
-
 AMOUNTS = ("gap", "divergence", "lamp", "blur", "noise")
 """Groups of parameters that nobody tells below 0."""
 

@@ -1,7 +1,7 @@
 """Weights files that a run begins with, uses or writes."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import nn
@@ -73,7 +73,7 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
     if isinstance(network, UnrolledUpdater) and isinstance(loaded.module, DirectNet):
         warm_start(network, loaded.module, keep_head=starts_flat)
         return
-    found, wanted = loaded.info.architecture, network.config
+    found, wanted = loaded.info.architecture, cast(Architecture, network.config)
     if found == _untold(wanted) != wanted:
         # What it is told changes nothing yet, so it answers as before.
         network.load_state_dict(loaded.module.state_dict(), strict=False)
