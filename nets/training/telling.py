@@ -72,7 +72,7 @@ class Teller:
         count = len(true)
         normal = torch.randn(true.shape, generator=generator, device=true.device)[:, self.alike]
         inexact = (unit(count, 1) >= config.exact_share).float()
-        error = (self.absolute + self.relative * true.abs()) * normal * inexact
+        error = (self.absolute + self.relative * true) * normal * inexact
         unknown = (unit(count, self.groups) < config.unknown_share)[:, table.group]
         nothing = unit(count, 1) < config.nothing_share
         told = true + error

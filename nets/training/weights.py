@@ -9,6 +9,7 @@ from torch import nn
 from data_gen.samples import Denoiser
 from nets.architecture import Architecture
 from nets.direct_net import DirectNet
+from nets.family import family_of
 from nets.residual_config import DirectConfig
 from nets.training.config import RunConfig
 from nets.training.devices import autocast
@@ -42,6 +43,8 @@ def export_weights(path: Path, network: nn.Module, config: RunConfig, training: 
         "config": config.training.model_dump(mode="json"),
         "reliefs": config.reliefs.model_dump(mode="json"),
     }
+    if config.training.bench is not None:
+        training["family"] = family_of(config.scene, config.training.bench, config.training.scene_share)
     without_folders(training["config"])
     precision = config.training.exported
     save_weights(path, network, scene=config.scene, data_fingerprint=fingerprint, training=training, dtype=precision)

@@ -64,6 +64,7 @@ LAYERS = {
         "architecture",
         "receptive weights",
         "scene_match denoised",
+        "family",
         "shipped",
         "training reconstruct",
         "inspection search evaluation",

@@ -11,8 +11,9 @@ import yaml
 from data_gen.benches.bench_set import Benches
 from data_gen.samples import BenchReliefs
 from nets.flat_light import FlatLight
-from nets.symmetries import all_symmetries
+from nets.symmetries import all_symmetries, transformed
 from nets.told import ToldTable, bench_values, dropped
+from nets.told import turned as turned_values
 from nets.training.bench_stream import BenchStream
 from nets.training.camera import draw_cameras, seen
 from nets.training.checkpoint import load_checkpoint
@@ -36,10 +37,13 @@ def told_run(tiny_run):
     """A tiny run on the family's benches."""
 
     def make(**training):
-        plain = tiny_run("direct", photons=[{"photons_per_pixel": 1.0}], **training)
+        plain = tiny_run("direct")
         tree = plain.model_dump(mode="json")
         tree["network"]["backbone"] |= FAMILY["network"]["backbone"]
-        tree["training"] |= FAMILY["training"] | training
+        tree["training"] |= FAMILY["training"]
+        for name, value in training.items():
+            known = tree["training"].get(name)
+            tree["training"][name] = known | value if isinstance(known, dict) and isinstance(value, dict) else value
         return RunConfig.model_validate(tree)
 
     return make
@@ -109,14 +113,14 @@ def test_told_errors_move_the_picture_alike(told_run):
     task = ToldTask(config, CPU)
     options = CameraConfig(unevenness=0, ambient=0, mixing=0, noise=0, clean_noise=0, gain=0, exposure=0)
     camera = draw_cameras(options, 4, 3, torch.Generator().manual_seed(1))
-    values = with_camera(batch["bench"], camera)
-    flat = task.flat
+    values, flat = with_camera(batch["bench"], camera), task.flat
+    values[:, task.table.place("divergence_1_m")] = 4.0
     generator = torch.Generator().manual_seed(2)
     once = seen(batch["image"], flat, camera, generator, task.light.places(values))
     twice = task.light.rectified(seen(batch["image"], flat, camera, generator), values)
     inner = slice(4, -4)
-    assert (once - twice)[..., inner, inner].norm() < 0.03 * once.norm()
-    assert (once - batch["image"])[..., inner, inner].norm() > 0.06 * once.norm()
+    moved = (once - batch["image"])[..., inner, inner].norm()
+    assert (once - twice)[..., inner, inner].norm() < 0.15 * moved and moved > 0.01 * once.norm()
 
 
 def test_plates_and_benches_turn_together(told_run):
@@ -134,9 +138,6 @@ def test_plates_and_benches_turn_together(told_run):
     for row in range(8):
         for symmetry in all_symmetries(config.scene).T:
             both = symmetry[:, None]
-            from nets.symmetries import transformed
-            from nets.told import turned as turned_values
-
             if torch.equal(transformed(batch["heights"][row : row + 1], both)[0], turned["heights"][row]):
                 values = turned_values(batch["bench"][row : row + 1], both, task.table)
                 assert torch.equal(values[0], turned["bench"][row])
@@ -166,7 +167,7 @@ def test_a_resumed_run_is_the_same_to_the_bit(told_run, train, tmp_path):
     saved = load_checkpoint(tmp_path / "whole" / "checkpoints" / "last.ckpt")
     film = [value for name, value in saved["network"].items() if "film" in name]
     assert any(value.any() for value in film)
-    other = told_run(**(config.training.model_dump(mode="json") | {"scene_share": 0.5}))
+    other = config.model_copy(update={"training": config.training.model_copy(update={"scene_share": 0.5})})
     shutil.copytree(tmp_path / "whole", tmp_path / "other")
     with pytest.raises(MismatchError, match=r"training\.scene_share differs"):
         train(other, tmp_path / "other", resume=True)
