@@ -66,6 +66,18 @@ def shipped_weights() -> list[Path]:
     return sorted(FOLDER.glob("*.safetensors"))
 
 
+def shipped_start(kind: str) -> str:
+    """File of the shipped weights that a training of this kind may start from.
+
+    Raises:
+        InputError: none ships.
+    """
+    path = FOLDER / f"{kind}.safetensors"
+    if not path.is_file():
+        raise InputError(f"no {kind} network comes with this software; give its weights as --initial-weights FILE")
+    return str(path)
+
+
 def shipped_steps(kind: str) -> int | None:
     """Steps that the longest training of a shipped network of that kind took; None where none ships."""
     infos = [_info(file) for file in shipped_weights()]
