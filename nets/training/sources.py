@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from nets.told import CAMERA, told_count
 from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source, Told, silent
 from nets.training.bench_source import BenchSource
 from nets.training.config import RunConfig
@@ -65,7 +66,8 @@ class ReplaySource:
         scene, kind = self.fresh.config.scene, self.fresh.config.kind
         per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2 * len(IMAGES[kind])
         per_sample += 4 * scene.height_samples**2 * HEIGHT_MAPS[kind]
-        # A bench's few numbers are left out.
+        if self.fresh.config.training.bench is not None:
+            per_sample += 4 * (told_count(scene.n_wavelengths) - len(CAMERA))
         return self.slots * self.fresh.size * per_sample
 
     def batch(self, step: int) -> Batch:

@@ -71,6 +71,15 @@ def test_samples_are_those_of_benches_by_number(told_run):
     assert len({scene.is_collimated for scene in scenes}) == 2
 
 
+def test_memory_of_a_pool_is_what_is_announced(told_run):
+    source = make_source(told_run(batch_size=2, replay={"size": 4, "fresh_per_step": 2}), CPU)
+    try:
+        source.batch(0)
+        assert sum(values.numel() * values.element_size() for values in source.pool.values()) == source.bytes_needed
+    finally:
+        source.close()
+
+
 def test_a_share_is_on_the_scene_itself(told_run):
     config = told_run()
     dataset = fresh_dataset(config, is_validation=False)
