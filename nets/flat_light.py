@@ -83,6 +83,18 @@ class FlatLight:
         larger = 1 + self._way(values, aside + self.mean_square_m2 * divergence**2) * divergence[:, None]
         return -shift / self.pixel / larger[:, :, None], 1 / larger - 1
 
+    def height_scale(self, values: torch.Tensor) -> torch.Tensor:
+        """Heights on benches over heights that move light as far on the network's own scene, shape [B, 1, 1].
+
+        To first order a slope s moves light by s (n - 1) f: what a network reads from a picture are heights in the unit
+        of its own (n - 1) f. Of the middle wavelength, for light from straight above; 1 for the network's scene.
+        """
+        own = self.table.centre[None]
+        found, here = (
+            (each[:, 2] - 1) * self._way(each, torch.zeros_like(each[:, 0]))[:, self.middle] for each in (own, values)
+        )
+        return (found / here)[:, None, None]
+
     def level(self, values: torch.Tensor) -> torch.Tensor:
         """Irradiance behind flat plates relative to L_i, in the window's pixels, shape [B, n_w, m, m]."""
         light, divergence = self._light(values)

@@ -169,6 +169,8 @@ class Direct(Reconstructor):
             for part in symmetries.split(batch, dim=1):
                 told = [] if self.bench is None else [self.bench.told(image, part)]
                 heights = self.replayed(seen_in(seen, part), *told)
+                if self.bench is not None:
+                    heights = heights * self.bench.height_scale
                 answers = torch.cat([answers, turned_back(heights, part)])
                 log.note("network", None, symmetries=len(answers))
         except KeyboardInterrupt as stop:

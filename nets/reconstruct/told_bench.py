@@ -18,6 +18,7 @@ class ToldBench:
         device: of the network.
 
     Attributes:
+        height_scale: of the network's answers, 1 on its own scene.
         trained: turns and flips of plate and picture are those of this scene, as what is told turns with them.
         is_near: whether light comes from a lamp nearby, which does not light a flat plate evenly.
     """
@@ -26,6 +27,9 @@ class ToldBench:
         self.scene, self.trained, self.device = scene, trained, device
         self.table = ToldTable(trained, device)
         self.is_near = not scene.is_collimated
+        self.light = FlatLight(self.table)
+        self.values = torch.tensor([[*bench_values(scene), 0.0, 0.0]], device=device)
+        self.height_scale = float(self.light.height_scale(self.values))
 
     def picture(self, image: torch.Tensor) -> torch.Tensor:
         """Without what a flat plate would show: its falloff, and where its light lands.
@@ -34,8 +38,7 @@ class ToldBench:
             image: shape [n_w, m, m], in the brightness that the network knows.
         """
         if self.is_near:
-            values = torch.tensor([[*bench_values(self.scene), 0.0, 0.0]], device=self.device)
-            image = image / FlatLight(self.table).level(values)[0]
+            image = image / self.light.level(self.values)[0]
             # Of an evenly lit picture the exposure is told by all its light; here only now.
             light = image[:, 1:-1, 1:-1].mean(dim=(1, 2))
             ratio = light / torch.tensor(self.trained.radiosity_W_m2, device=self.device).clamp(min=1e-30)

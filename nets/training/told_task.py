@@ -1,5 +1,7 @@
 """Image and what is told of its bench to heights."""
 
+from typing import NamedTuple
+
 import torch
 
 from nets.flat_light import FlatLight
@@ -13,15 +15,26 @@ from nets.training.losses import relief_loss, relief_rmse_um
 from nets.training.task import Common, Model, Sample, relief_measures
 from nets.training.telling import Teller, Telling, with_camera
 
-Seen = tuple[torch.Tensor, torch.Tensor]
-"""What a network is given: images, and what it is told of them."""
+
+class Seen(NamedTuple):
+    """What a network is given of a batch."""
+
+    image: torch.Tensor
+    told: torch.Tensor
+    scale: torch.Tensor
+    """Of its answers, see :meth:`nets.flat_light.FlatLight.height_scale`; shape [B, 1, 1]."""
+
+    def answered(self, model: Model) -> torch.Tensor:
+        """Heights [m], shape [B, n, n]."""
+        heights: torch.Tensor = model(self.image, self.told) * self.scale
+        return heights
 
 
 class ToldTask(Common):
     """``direct`` on benches that differ.
 
-    The picture is moved by what is told (:mod:`nets.flat_light`), errors and all, as a reconstruction does; where
-    light, lamp or glass are unknown, by what the run's scene says of them.
+    The picture is moved and the answer scaled by what is told (:mod:`nets.flat_light`), errors and all, as a
+    reconstruction does; where light, base, gap or glass are unknown, by what the run's scene says of them.
     """
 
     objective = "val_rmse_um"
@@ -34,7 +47,7 @@ class ToldTask(Common):
     def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
         batch = self.turned(batch, step)
         cameras, told = self.generator("camera", step), self.generator("told", step)
-        heights = model(*self._seen(batch["image"], batch["bench"], cameras, told))
+        heights = self._seen(batch["image"], batch["bench"], cameras, told).answered(model)
         return relief_loss(heights, batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight)
 
     def turned(self, batch: Batch, step: int) -> Batch:
@@ -50,7 +63,7 @@ class ToldTask(Common):
 
         def errors(images: list[Seen]) -> list[torch.Tensor]:
             pairs = zip(images, batches, strict=True)
-            return [relief_rmse_um(model(*given), batch["heights"]) for given, batch in pairs]
+            return [relief_rmse_um(given.answered(model), batch["heights"]) for given, batch in pairs]
 
         def mean(images: list[Seen]) -> float:
             return float(torch.cat(errors(images)).mean())
@@ -64,8 +77,8 @@ class ToldTask(Common):
         }
 
     def sample(self, model: Model, batch: Batch) -> Sample:
-        image, told = (part[:1] for part in self._told(batch, 0))
-        return Sample(image[0], batch["heights"][0], model(image, told)[0], is_height=True)
+        first = Seen(*(part[:1] for part in self._told(batch, 0)))
+        return Sample(first.image[0], batch["heights"][0], first.answered(model)[0], is_height=True)
 
     def _told(self, batch: Batch, number: int) -> Seen:
         """A validation batch as trained on, the same in every epoch."""
@@ -87,7 +100,7 @@ class ToldTask(Common):
         true = with_camera(self._scene(batch), None)
         true[:, -1] = noise
         known = self._but_blur(true[:, :-2])
-        return image, dropped(true, known, self.table)
+        return Seen(image, dropped(true, known, self.table), self.light.height_scale(true))
 
     def _scene(self, batch: Batch) -> torch.Tensor:
         """Parameters of the run's scene for each sample, shape [B, P - 2]."""
@@ -131,4 +144,4 @@ class ToldTask(Common):
             image = self.light.rectified(image, values)
         else:
             image = seen(image, self.flat, cameras, camera, self.light.places(values))
-        return image, dropped(*telling, self.table)
+        return Seen(image, dropped(*telling, self.table), self.light.height_scale(values))

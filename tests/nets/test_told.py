@@ -143,6 +143,21 @@ def test_a_rectified_picture_is_that_of_straight_light(numbers):
     assert after < 0.3 * before and after < 0.1
 
 
+def test_heights_are_scaled_by_how_far_light_goes():
+    """A weak relief shows on a bench what a relief over the scale shows on the network's own scene."""
+    scene = Scene(height_samples=32, image_pixels=256)
+    bench_numbers = IDEAL | {"gap_m": 1e-3, "base_thickness_m": 5e-3, "index_offset": 0.05, "dispersion_scale": 0.3}
+    other = bench(bench_numbers, scene)
+    scale = FlatLight(ToldTable(scene)).height_scale(values_of(other)).item()
+    assert scale < 0.5
+    heights = relief(scene) * 0.02
+    seen, own, unscaled = (
+        simulated(where, what)[1] - 1 for where, what in ((other, heights), (scene, heights / scale), (scene, heights))
+    )
+    assert (seen - own).norm() < 0.05 * own.norm() and (seen - unscaled).norm() > 0.4 * own.norm()
+    assert FlatLight(ToldTable(scene)).height_scale(values_of(scene)).item() == 1.0
+
+
 def test_the_default_scene_is_left_alone():
     image = torch.rand(3, 128, 128)
     assert rectified(image, SCENE) is image
