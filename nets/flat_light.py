@@ -14,6 +14,8 @@ at 0.25 m.
 
 A lamp nearby lights a flat plate by the cube of the cosine of its angle, and the divergence below spreads that by
 (1 + f / D)^2; relative to L_i, which the simulator has at the foot of the lamp.
+
+What a relief does is scaled besides (:meth:`FlatLight.height_scale`).
 """
 
 import torch

@@ -10,6 +10,7 @@ import yaml
 
 from data_gen.benches.bench_set import Benches
 from data_gen.samples import BenchReliefs
+from nets.architecture import build
 from nets.flat_light import FlatLight
 from nets.symmetries import all_symmetries, transformed
 from nets.told import ToldTable, bench_values, dropped
@@ -78,6 +79,26 @@ def test_memory_of_a_pool_is_what_is_announced(told_run):
         assert sum(values.numel() * values.element_size() for values in source.pool.values()) == source.bytes_needed
     finally:
         source.close()
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_gpu_makes_the_same_samples_and_nothing_waits(told_run):
+    config, device = told_run(batch_size=8), torch.device("cuda")
+    sources = [make_source(config, each) for each in (CPU, device)]
+    try:
+        for name, values in sources[0].batch(1).items():
+            found = sources[1].batch(1)[name].cpu()
+            assert (found - values).norm() < (1e-2 if name == "image" else 1e-5) * values.norm()
+        task, batch = ToldTask(config, device), sources[1].batch(2)
+        network = build(config.network, config.scene).to(device)
+        task.loss(network, batch, 0, 0.0).backward()
+        torch.cuda.set_sync_debug_mode("error")
+        task.loss(network, batch, 1, 0.0).backward()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+        for source in sources:
+            source.close()
 
 
 def test_a_share_is_on_the_scene_itself(told_run):
