@@ -83,22 +83,33 @@ def test_memory_of_a_pool_is_what_is_announced(told_run):
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-def test_a_gpu_makes_the_same_samples_and_nothing_waits(told_run):
+def test_a_gpu_makes_the_same_samples(told_run):
     config, device = told_run(batch_size=8), torch.device("cuda")
     sources = [make_source(config, each) for each in (CPU, device)]
     try:
         for name, values in sources[0].batch(1).items():
             found = sources[1].batch(1)[name].cpu()
             assert (found - values).norm() < (1e-2 if name == "image" else 1e-5) * values.norm()
-        task, batch = ToldTask(config, device), sources[1].batch(2)
-        network = build(config.network, config.scene).to(device)
-        task.loss(network, batch, 0, 0.0).backward()
+    finally:
+        for source in sources:
+            source.close()
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_step_waits_for_no_gpu(told_run):
+    config, device = told_run(batch_size=8), torch.device("cuda")
+    source = make_source(config, device)
+    batch = source.batch(0)
+    source.close()
+    task = ToldTask(config, device)
+    network = build(config.network, config.scene).to(device)
+    task.loss(network, batch, 0, 0.0).backward()
+    try:
         torch.cuda.set_sync_debug_mode("error")
         task.loss(network, batch, 1, 0.0).backward()
     finally:
         torch.cuda.set_sync_debug_mode("default")
-        for source in sources:
-            source.close()
 
 
 def test_a_share_is_on_the_scene_itself(told_run):
