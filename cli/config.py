@@ -296,6 +296,7 @@ _MAY_BE_OFF: dict[str, Callable[[], Strict]] = {
     "reliefs.variety": PrintVariety,
     "reliefs.making": Making,
     "data.bench": BenchRanges,
+    "training.bench": BenchRanges,
     "training.camera": _training_camera,
 }
 """Sections that null switches off; no other can be off, so null there is refused."""

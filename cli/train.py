@@ -31,6 +31,7 @@ EXIT_CODES = {"interrupted": EXIT_INTERRUPTED, "terminated": EXIT_TERMINATED}
 @click.option("--fresh", is_flag=True, help="Simulate samples when they are needed instead of reading DATA.")
 @click.option("--preset", help="Network: paper, direct, direct-small, direct-large, unrolled, unrolled-small ...")
 @click.option("--initial-weights", type=click.Path(), help="Weights file to start from.")
+@click.option("--from-shipped", is_flag=True, help="Start from the weights of this kind that come with the software.")
 @click.option("--resume", is_flag=True, help="Continue the run in the folder from its last checkpoint.")
 @click.option("--force", is_flag=True, help="Delete an earlier run in the folder.")
 @click.option(
@@ -53,6 +54,7 @@ def train(
     fresh: bool,
     preset: str | None,
     initial_weights: str | None,
+    from_shipped: bool,
     resume: bool,
     force: bool,
     max_time: float | None,
@@ -74,6 +76,13 @@ def train(
     --max-time or --max-steps of the first command is the length of the run. Ctrl-C ends with a checkpoint.
     """
     _check_usage(data, fresh, resume, force, devices, preset, config_source)
+    if from_shipped:
+        if initial_weights is not None or resume:
+            other = "--resume" if resume else "--initial-weights"
+            raise click.UsageError(f"--from-shipped does not go with {other}; leave one of them out")
+        from nets.shipped import shipped_start
+
+        initial_weights = shipped_start(kind)
     from cli.train_config import new_run, resumed_run
 
     console = Console(as_json)

@@ -79,6 +79,14 @@ def parse_architecture(record: Any) -> Architecture:
         raise InputError("; ".join(validation_lines(error)[:3])) from error
 
 
+def architecture_record(architecture: Architecture) -> dict[str, Any]:
+    """JSON values of an architecture; without ``conditions`` where there are none, as older programs know it."""
+    tree = architecture.model_dump(mode="json")
+    if not tree.get("backbone", {}).get("conditions", 1):
+        del tree["backbone"]["conditions"]
+    return tree
+
+
 def shapes(architecture: Architecture, scene: Scene) -> dict[str, tuple[int, ...]]:
     """Names and shapes of a network's weights, found without allocating them.
 

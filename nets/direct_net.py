@@ -15,6 +15,8 @@ from nets.encoding import clipped_image, flat_irradiance, full_precision, log_im
 from nets.input_shapes import check_image
 from nets.padding import resolution_ratio
 from nets.residual_config import DirectConfig
+from nets.told import told_count
+from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 
 
@@ -23,14 +25,15 @@ class DirectNet(nn.Module):
 
     Input channels per height sample: log((I + eps) / (1 + eps)) and the raw
     image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
-    n_w wavelengths each. A fresh network answers with a flat plate.
+    n_w wavelengths each. A fresh network answers with a flat plate. With ``backbone.conditions`` it is told of its
+    bench besides (:mod:`nets.told`), and sees pictures that :mod:`nets.flat_light` has moved and levelled.
 
     Args:
         config: architecture.
         scene: number of wavelengths, m/n, light of a flat plate.
 
     Raises:
-        InputError: m is no multiple of n.
+        InputError: m is no multiple of n, or ``conditions`` are not as many as there are.
     """
 
     flat: torch.Tensor
@@ -38,6 +41,12 @@ class DirectNet(nn.Module):
     def __init__(self, config: DirectConfig, scene: Scene):
         super().__init__()
         self.config, self.scene = config, scene
+        count = told_count(scene.n_wavelengths)
+        if config.backbone.conditions not in (0, count):
+            raise InputError(
+                f"network.backbone.conditions is {config.backbone.conditions}, for {scene.n_wavelengths} wavelengths "
+                f"there are {count} numbers to tell; set it to {count}, or 0 to tell nothing"
+            )
         self.ratio = resolution_ratio(scene.image_pixels, scene.height_samples)
         width = config.backbone.widths[0]
         self.register_buffer("flat", flat_irradiance(scene), persistent=False)
@@ -45,11 +54,17 @@ class DirectNet(nn.Module):
         self.backbone = Backbone(config.backbone)
         self.head = Head(width, 1)
 
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
+    @property
+    def is_told(self) -> bool:
+        """Whether it is told of its bench."""
+        return self.config.backbone.conditions > 0
+
+    def forward(self, image: torch.Tensor, told: torch.Tensor | None = None) -> torch.Tensor:
         """Estimate heights.
 
         Args:
             image: irradiance, shape [B, n_w, m, m] [W/m^2].
+            told: of the bench, shape [B, 2 P], see :func:`nets.told.dropped`; None: nothing is known.
 
         Returns:
             Relief, shape [B, n, n] [m].
@@ -63,5 +78,5 @@ class DirectNet(nn.Module):
                 clipped_image(relative, encoding.irradiance_clip),
             )
             x = functional.pixel_unshuffle(torch.cat(encoded, dim=1), self.ratio)
-        heights: torch.Tensor = self.head(self.backbone(self.stem(x)))[:, 0] * encoding.height_unit_m
+        heights: torch.Tensor = self.head(self.backbone(self.stem(x), told))[:, 0] * encoding.height_unit_m
         return heights

@@ -23,6 +23,9 @@ class BackboneConfig(Strict):
     """Levels whose blocks are followed by self-attention; memory and time grow with the fourth power of their side."""
     head_channels: Annotated[int, Field(ge=1, le=512)] = 64
     """Most channels of one attention head."""
+    conditions: Annotated[int, Field(ge=0, le=256)] = 0
+    """Numbers that a ``direct`` network is told of its bench, 8 and one for each wavelength (``nets/told.py``); 0: it
+    is told nothing, and has no weights for it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> "BackboneConfig":
@@ -70,6 +73,15 @@ class UnrolledConfig(Strict):
     """Iterations that the network can tell apart; later ones count as the last. 0: it does not know the iteration."""
     use_gradient: bool = True
     """False leaves the simulator's gradient out, the ablation of the paper."""
+
+    @model_validator(mode="after")
+    def _not_told(self) -> "UnrolledConfig":
+        if self.backbone.conditions:
+            raise ValueError(
+                f"backbone.conditions is {self.backbone.conditions}, but only a direct network is told of its bench; "
+                "set it to 0"
+            )
+        return self
 
 
 _ATTENTION = frozenset({3, 4})

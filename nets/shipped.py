@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from nets.family import check_family
 from nets.scene_match import check_scene, differences, train_command
 from nets.weights import WeightsInfo, load_weights, weights_info
 from warp_caustics.errors import InputError, MismatchError
@@ -65,6 +66,18 @@ def shipped_weights() -> list[Path]:
     return sorted(FOLDER.glob("*.safetensors"))
 
 
+def shipped_start(kind: str) -> str:
+    """File of the shipped weights that a training of this kind may start from.
+
+    Raises:
+        InputError: none ships.
+    """
+    path = FOLDER / f"{kind}.safetensors"
+    if not path.is_file():
+        raise InputError(f"no {kind} network comes with this software; give its weights as --initial-weights FILE")
+    return str(path)
+
+
 def shipped_steps(kind: str) -> int | None:
     """Steps that the longest training of a shipped network of that kind took; None where none ships."""
     infos = [_info(file) for file in shipped_weights()]
@@ -81,6 +94,7 @@ def find_network(
     suits: Callable[[WeightsInfo], bool] | None = None,
     what: str | None = None,
     settings: Mapping[str, str] | None = None,
+    tells: bool = False,
 ) -> FoundNetwork:
     """The network of a kind for a scene: from a file, or shipped.
 
@@ -92,6 +106,7 @@ def find_network(
         suits: tells whether a shipped network is the one that is meant; None takes the first.
         what: the network in words, for messages.
         settings: with which such a network is trained, for messages.
+        tells: the network will be told of the scene, where it can be: any bench of its family will do.
 
     Raises:
         InputError: no such file, or none shipped.
@@ -115,7 +130,11 @@ def find_network(
         candidates.sort(key=lambda file: len(differences(scene, infos[file].scene)))
     chosen = candidates[0]
     name = repr(os.fspath(path)) if path is not None else f"shipped network {chosen.name!r}"
-    warnings = check_scene(scene, _info(chosen).scene, name, kind, str(device), settings)
+    family = _info(chosen).training.get("family")
+    if tells and isinstance(family, dict):
+        warnings = check_family(scene, _info(chosen).scene, family, name, kind, settings)
+    else:
+        warnings = check_scene(scene, _info(chosen).scene, name, kind, str(device), settings)
     few = few_steps(_info(chosen))
     if few is not None:
         warnings += (

@@ -16,7 +16,7 @@ import pydantic
 import torch
 from torch import nn
 
-from nets.architecture import MAX_PARAMETERS, Architecture, build, parse_architecture, shapes
+from nets.architecture import MAX_PARAMETERS, Architecture, architecture_record, build, parse_architecture, shapes
 from nets.weights_file import MAX_HEADER_BYTES, decode, encode
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
@@ -106,7 +106,7 @@ def save_weights(
     _check_scene(getattr(module, "scene", scene), scene, "the network")
     record = {
         "format": FORMAT,
-        "architecture": architecture.model_dump(mode="json"),
+        "architecture": architecture_record(architecture),
         "scene": scene.record(),
         "normalisation": normalisation(architecture, scene),
         "precision": dtype,

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from data_gen.bench_ranges import BenchRanges, bench_scene
-from data_gen.benches.columns import SET_UP_NAMES, BenchBatch, bench_columns
-from data_gen.benches.draw import draw_benches
+from data_gen.bench_ranges import BenchRanges
+from data_gen.benches.columns import BenchBatch, bench_columns
+from data_gen.benches.draw import draw_benches, scenes_of
 from data_gen.benches.photos import Cameras, has_even_flat
 from data_gen.benches.prints import PrintKinds
 from data_gen.dataset_config import DatasetConfig
@@ -65,8 +65,7 @@ class Benches:
 
     def scenes(self, benches: BenchBatch) -> list[Scene]:
         """Scenes of benches."""
-        rows = np.stack([benches.of(name) for name in SET_UP_NAMES], axis=1).tolist()
-        return [bench_scene(self.config.scene, **dict(zip(SET_UP_NAMES, row, strict=True))) for row in rows]
+        return scenes_of(self.config.scene, benches)
 
     def light(self, heights: torch.Tensor, benches: BenchBatch) -> torch.Tensor:
         """Irradiance on the benches' screens [W/m^2], shape [B, n_w, m, m], of heights [B, n, n] [m]: no camera yet."""

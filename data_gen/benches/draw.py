@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from data_gen.bench_ranges import BenchRanges, nominal_lamp_rad
-from data_gen.benches.columns import SEED_BITS, BenchBatch, bench_batch, channel_names
+from data_gen.bench_ranges import BenchRanges, bench_scene, nominal_lamp_rad
+from data_gen.benches.columns import SEED_BITS, SET_UP_NAMES, BenchBatch, bench_batch, channel_names
 from data_gen.dataset_config import DatasetConfig, sample_generator, sample_seed
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -88,6 +88,12 @@ def draw_benches(
     seeds = [sample_seed(fingerprint, "bench noise", sample) >> (63 - SEED_BITS) for sample in samples]
     columns["noise_seed"] = np.array(seeds, dtype=np.float64)
     return bench_batch(channels, {**columns, **printed})
+
+
+def scenes_of(scene: Scene, benches: BenchBatch) -> list[Scene]:
+    """Scenes of benches whose ranges are about one."""
+    rows = np.stack([benches.of(name) for name in SET_UP_NAMES], axis=1).tolist()
+    return [bench_scene(scene, **dict(zip(SET_UP_NAMES, row, strict=True))) for row in rows]
 
 
 def _set_up(ranges: BenchRanges, scene: Scene, drawn: _Drawn) -> dict[str, FloatArray]:

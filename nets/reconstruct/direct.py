@@ -7,6 +7,7 @@ from pydantic import Field
 
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
+from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
 from nets.replayed import Replayed
 from nets.shipped import find_network
@@ -35,6 +36,8 @@ class DirectOptions(RefinementOptions):
 class Direct(Reconstructor):
     """Network, symmetries, refinement.
 
+    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`).
+
     Args:
         scene: the set-up of the measurement.
         options: see :class:`DirectOptions`.
@@ -52,7 +55,10 @@ class Direct(Reconstructor):
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.network = find_network("direct", scene, path=self.options.weights, device=self.device)
+        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, tells=True)
+        trained = self.network.info.scene
+        is_told = bool(getattr(self.network.module, "is_told", False))
+        self.bench = ToldBench(scene, trained, self.device) if is_told else None
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
@@ -77,7 +83,9 @@ class Direct(Reconstructor):
             check_initial(initial, self.scene)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
-        resimulation = Resimulation(self.simulator, image).exposed(least=TRAINED_EXPOSURE_ERROR)
+        resimulation = Resimulation(self.simulator, image)
+        if self.bench is None or not self.bench.is_near:
+            resimulation = resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
         answers, reason = self._answers(resimulation.image, log)
         interrupted = reason == "interrupted"
         n = self.scene.height_samples
@@ -148,7 +156,9 @@ class Direct(Reconstructor):
     def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
         """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""
         seen = network_image(image, self.scene, self.network.info.scene, self.device)
-        symmetries = all_symmetries(self.scene)
+        if self.bench is not None:
+            seen = self.bench.picture(seen)
+        symmetries = all_symmetries(self.scene if self.bench is None else self.bench.trained)
         if not self.options.symmetries:
             symmetries = symmetries[:, :1]
         n = self.scene.height_samples
@@ -157,7 +167,10 @@ class Direct(Reconstructor):
         log.total = -(-symmetries.shape[1] // batch)
         try:
             for part in symmetries.split(batch, dim=1):
-                heights = self.replayed(seen_in(seen, part))
+                told = [] if self.bench is None else [self.bench.told(image, part)]
+                heights = self.replayed(seen_in(seen, part), *told)
+                if self.bench is not None:
+                    heights = heights * self.bench.height_scale
                 answers = torch.cat([answers, turned_back(heights, part)])
                 log.note("network", None, symmetries=len(answers))
         except KeyboardInterrupt as stop:

@@ -9,7 +9,12 @@ denoiser   noisy, clean: shape [B, n_w, m, m] [W/m^2]
 updater    heights, start, gradient: [B, n, n]; target, simulated: [B, n_w, m, m]
 direct     image: [B, n_w, m, m]; heights: [B, n, n] [m]
 unrolled   image, heights, start
+told       as direct, and bench: [B, P - 2], parameters of each sample's bench;
+           in validation default_image besides, of the same plates on the
+           run's scene
 =========  ====================================================================
+
+``told`` is ``direct`` with ``training.bench``.
 """
 
 from collections.abc import Callable

@@ -100,7 +100,13 @@ def draw_cameras(config: CameraConfig, count: int, channels: int, generator: tor
     )
 
 
-def seen(images: torch.Tensor, flat: torch.Tensor, camera: Camera, generator: torch.Generator) -> torch.Tensor:
+def seen(
+    images: torch.Tensor,
+    flat: torch.Tensor,
+    camera: Camera,
+    generator: torch.Generator,
+    places: tuple[torch.Tensor, torch.Tensor] | None = None,
+) -> torch.Tensor:
     """Images as cameras see them.
 
     Args:
@@ -108,8 +114,13 @@ def seen(images: torch.Tensor, flat: torch.Tensor, camera: Camera, generator: to
         flat: of a flat plate, shape [n_w, 1, 1] [W/m^2].
         camera: of each image.
         generator: of the noise, on the images' device.
+        places: where pictures are moved afterwards, shift [px], shape [B, n_w, 2], and magnification less 1, shape
+            [B, n_w]; None for nowhere. It is one resampling: uneven light and noise are those of the moved picture.
     """
-    relative = resampled(images, camera.shift, camera.scale, camera.blur, REACH) / flat
+    shift, scale = camera.shift, camera.scale
+    if places is not None:
+        shift, scale = shift * (1 + places[1])[:, :, None] + places[0], (1 + scale) * (1 + places[1]) - 1
+    relative = resampled(images, shift, scale, camera.blur, REACH) / flat
     relative = relative * uneven_light(camera.light, images.shape[-1]) + camera.ambient[:, :, None, None]
     signal = mixed(relative, camera.mixing)
     return flat * (signal + _noise(signal, camera, generator))

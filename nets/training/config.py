@@ -4,10 +4,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from data_gen.bench_ranges import BenchRanges, CameraRanges
 from data_gen.config import PatternConfig, ReliefConfig
 from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
+from nets.told import told_count
+from nets.training.told_config import ToldConfig
 from nets.unrolling_config import PhotonVariant, Share, UnrollingConfig
 from warp_caustics.errors import InputError, known_names
 from warp_caustics.scene import Scene
@@ -172,6 +175,12 @@ class TrainingConfig(Strict):
     augmentation: AugmentationConfig = AugmentationConfig()
     camera: CameraConfig | None = None
     """Through which ``direct`` and ``unrolled`` see their images; None shows them as simulated."""
+    bench: BenchRanges | None = None
+    """Benches of fresh ``direct`` samples, each its own; None: all on the scene. Their cameras are ``camera``'s."""
+    scene_share: Share = 0.0
+    """Of such samples are on the scene itself; of those that judge a network, none."""
+    told: ToldConfig = ToldConfig()
+    """What a network with ``network.backbone.conditions`` is told of its benches."""
     replay: ReplayConfig = ReplayConfig()
     validation: ValidationConfig = ValidationConfig()
     unrolling: UnrollingConfig = UnrollingConfig()
@@ -210,6 +219,7 @@ class RunConfig(Strict):
                 f"training.camera changes images, and those of a {self.kind} belong to another image or a gradient; "
                 "set it to null"
             )
+        self._check_benches()
         replayed = self.training.replay.size
         if replayed and self.data is not None:
             raise ValueError("training.replay.size is for fresh samples, a data set is a pool already; set it to 0")
@@ -230,6 +240,32 @@ class RunConfig(Strict):
         if self.training.denoiser_weights is not None and (self.kind != "updater" or self.data is not None):
             raise ValueError("training.denoiser_weights is for fresh samples of the updater; leave it out")
         return self
+
+    def _check_benches(self) -> None:
+        """Benches and a network that is told of them go together."""
+        bench, count = self.training.bench, told_count(self.scene.n_wavelengths)
+        conditions = self.network.backbone.conditions if self.network.kind == "direct" else 0
+        if bench is None:
+            if self.training.scene_share:
+                raise ValueError(
+                    f"training.scene_share is {self.training.scene_share:g}, but all samples are on the scene; set it "
+                    "to 0, or give training.bench"
+                )
+            if conditions:
+                raise ValueError(
+                    f"network.backbone.conditions is {conditions}, but all samples are on one bench; give "
+                    "training.bench, as configs/family.yaml does, or set it to 0"
+                )
+            return
+        if self.kind != "direct" or self.data is not None:
+            raise ValueError("training.bench is for fresh samples of a direct network; set it to null")
+        if conditions != count:
+            raise ValueError(
+                f"training.bench needs a network that is told of its bench; set network.backbone.conditions to {count}"
+            )
+        if bench.camera != CameraRanges():
+            raise ValueError("training.bench.camera is not used, training.camera is; leave it out")
+        bench.check(self.scene)
 
 
 PRESETS_OF_KIND: dict[str, tuple[str, ...]] = {

@@ -2,12 +2,15 @@
 
 import bisect
 import itertools
+from collections.abc import Sequence
+from typing import Any
 
 import torch
 
 from nets.training.keys import step_seed
 from nets.unrolling_config import PhotonVariant
 from warp_caustics.data_gradient import possible_heights
+from warp_caustics.many_scenes import ManyScenes
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -26,14 +29,7 @@ class Imager:
 
     def __init__(self, scene: Scene, photons: PhotonVariant, device: torch.device):
         self.scene = scene
-        self.simulator = CausticSimulator(
-            scene,
-            "lattice",
-            n_photons=max(1, round(photons.photons_per_pixel * scene.image_pixels**2)),
-            smoothing=photons.smoothing,
-            placement=photons.placement,
-            device=device,
-        )
+        self.simulator = CausticSimulator(scene, device=device, **_options(scene, photons))
         self.is_random = photons.placement != "lattice"
         pixels = scene.n_wavelengths * scene.image_pixels**2
         self.batch = max(1, BATCH_PIXELS[device.type] // pixels)
@@ -66,7 +62,75 @@ class Imager:
         return torch.cat(images), torch.cat(gradients)
 
 
-class VariedImager:
+class BenchImager:
+    """Images of whole batches of plates, each on a bench of its own, all from the same photons.
+
+    Args:
+        scene: gives plate, grids and number of wavelengths.
+        photons: how to simulate.
+        device: where.
+    """
+
+    def __init__(self, scene: Scene, photons: PhotonVariant, device: torch.device):
+        self.screens = ManyScenes(scene, device=device, **_options(scene, photons))
+        self.is_random = photons.placement != "lattice"
+        self.batch = max(1, BATCH_PIXELS[device.type] // (scene.n_wavelengths * scene.image_pixels**2))
+
+    @torch.no_grad()
+    def __call__(self, heights: torch.Tensor, scenes: Sequence[Scene], seed: int = 0) -> torch.Tensor:
+        """Irradiance on the screens, shape [B, n_w, m, m] [W/m^2], of heights [B, n, n] [m]."""
+        if self.is_random:
+            self.screens.simulator.reseed(seed)
+        starts = range(0, len(scenes), self.batch)
+        return torch.cat([self.screens(heights[k : k + self.batch], scenes[k : k + self.batch]) for k in starts])
+
+
+def _options(scene: Scene, photons: PhotonVariant) -> dict[str, Any]:
+    """Of :class:`CausticSimulator`."""
+    return {
+        "preset": "lattice",
+        "n_photons": max(1, round(photons.photons_per_pixel * scene.image_pixels**2)),
+        "smoothing": photons.smoothing,
+        "placement": photons.placement,
+    }
+
+
+class Variants:
+    """Which photons a step takes.
+
+    Args:
+        variants: what to choose from, with their shares.
+        seed: of the run.
+    """
+
+    def __init__(self, variants: tuple[PhotonVariant, ...], seed: int):
+        self.seed = seed
+        self.used = [variant for variant in variants if variant.share > 0]
+        self.bounds = list(itertools.accumulate(variant.share for variant in self.used))
+
+    def choice(self, step: int, rank: int) -> int:
+        """Number of the variant that a step takes."""
+        unit = step_seed(self.seed, "photon variant", step, rank) / 2**63
+        return min(bisect.bisect_right(self.bounds, unit * self.bounds[-1]), len(self.bounds) - 1)
+
+    def photons(self, step: int, rank: int) -> int:
+        """Seed of a step's photons, where they are random."""
+        return step_seed(self.seed, "photons", step, rank)
+
+
+class VariedBenchImager(Variants):
+    """Images of plates on benches by one of several variants; arguments as of :class:`VariedImager`."""
+
+    def __init__(self, scene: Scene, variants: tuple[PhotonVariant, ...], seed: int, device: torch.device):
+        super().__init__(variants, seed)
+        self.imagers = [BenchImager(scene, variant, device) for variant in self.used]
+
+    def __call__(self, heights: torch.Tensor, scenes: Sequence[Scene], step: int, rank: int) -> torch.Tensor:
+        """Irradiance, shape [B, n_w, m, m] [W/m^2], of heights [B, n, n] [m]."""
+        return self.imagers[self.choice(step, rank)](heights, scenes, self.photons(step, rank))
+
+
+class VariedImager(Variants):
     """Images by one of several variants, chosen by the step.
 
     Args:
@@ -77,17 +141,9 @@ class VariedImager:
     """
 
     def __init__(self, scene: Scene, variants: tuple[PhotonVariant, ...], seed: int, device: torch.device):
-        self.seed = seed
-        used = [variant for variant in variants if variant.share > 0]
-        self.imagers = [Imager(scene, variant, device) for variant in used]
-        self.bounds = list(itertools.accumulate(variant.share for variant in used))
-
-    def choice(self, step: int, rank: int) -> int:
-        """Number of the variant that a step takes."""
-        unit = step_seed(self.seed, "photon variant", step, rank) / 2**63
-        return min(bisect.bisect_right(self.bounds, unit * self.bounds[-1]), len(self.bounds) - 1)
+        super().__init__(variants, seed)
+        self.imagers = [Imager(scene, variant, device) for variant in self.used]
 
     def __call__(self, heights: torch.Tensor, step: int, rank: int) -> torch.Tensor:
         """Irradiance, shape [B, n_w, m, m] [W/m^2], of heights [B, n, n] [m]."""
-        photons = step_seed(self.seed, "photons", step, rank)
-        return self.imagers[self.choice(step, rank)](heights, photons)
+        return self.imagers[self.choice(step, rank)](heights, self.photons(step, rank))

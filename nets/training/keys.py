@@ -44,7 +44,7 @@ def fresh_dataset(config: RunConfig, *, is_validation: bool, denoiser: str | Non
     training = config.training
     return DatasetConfig.model_validate(
         {
-            "kind": "denoiser" if config.kind == "denoiser" else "updater",
+            "kind": "denoiser" if config.kind == "denoiser" else "updater" if training.bench is None else "capture",
             "n_samples": MAX_SAMPLES,
             "seed": training.validation.seed if is_validation else training.seed,
             "role": "data",
@@ -53,5 +53,6 @@ def fresh_dataset(config: RunConfig, *, is_validation: bool, denoiser: str | Non
             "noisy": training.noisy,
             "clean": training.clean,
             "denoiser": denoiser,
+            "bench": training.bench,
         }
     )

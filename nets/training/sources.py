@@ -9,7 +9,9 @@ from typing import Any
 
 import torch
 
+from nets.told import CAMERA, told_count
 from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source, Told, silent
+from nets.training.bench_source import BenchSource
 from nets.training.config import RunConfig
 from nets.training.files import FileSource
 from nets.training.fresh import FreshSource
@@ -24,7 +26,8 @@ def make_source(config: RunConfig, device: torch.device, rank: int = 0, world: i
         return FixedSource(make_source(own, device, rank, world), config, device, rank)
     if config.data is not None:
         return FileSource(config, device, rank, world)
-    fresh = FreshSource(config, device, rank, world)
+    of_benches = config.training.bench is not None
+    fresh = BenchSource(config, device, rank, world) if of_benches else FreshSource(config, device, rank, world)
     return ReplaySource(fresh, config.training.batch_size) if config.training.replay.size else fresh
 
 
@@ -40,7 +43,7 @@ class ReplaySource:
         batch_size: samples drawn per step.
     """
 
-    def __init__(self, fresh: FreshSource, batch_size: int):
+    def __init__(self, fresh: FreshSource | BenchSource, batch_size: int):
         replay = fresh.config.training.replay
         self.fresh, self.batch_size = fresh, batch_size
         self.slots = max(1, replay.size // fresh.size)
@@ -63,6 +66,8 @@ class ReplaySource:
         scene, kind = self.fresh.config.scene, self.fresh.config.kind
         per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2 * len(IMAGES[kind])
         per_sample += 4 * scene.height_samples**2 * HEIGHT_MAPS[kind]
+        if self.fresh.config.training.bench is not None:
+            per_sample += 4 * (told_count(scene.n_wavelengths) - len(CAMERA))
         return self.slots * self.fresh.size * per_sample
 
     def batch(self, step: int) -> Batch:

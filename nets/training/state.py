@@ -219,6 +219,9 @@ def check_same_run(config: RunConfig, saved: dict[str, Any]) -> None:
             )
     if before.training.seed != config.training.seed:
         raise MismatchError(f"seed {config.training.seed} differs from the run's {before.training.seed}; leave it out")
+    for name in ("bench", "scene_share"):
+        if getattr(before.training, name) != getattr(config.training, name):
+            raise MismatchError(f"training.{name} differs from the run to be resumed; leave the change out")
 
 
 def finite_or_none(value: float) -> float | None:

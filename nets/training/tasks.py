@@ -12,6 +12,7 @@ from nets.training.devices import Stopwatch
 from nets.training.keys import fresh_dataset
 from nets.training.losses import psnr_db, relief_loss, relief_rmse_um, update_loss
 from nets.training.task import Common, Model, Sample, Task, relief_measures
+from nets.training.told_task import ToldTask
 from nets.training.unrolling import UnrolledTask
 from nets.training.weights import frozen_denoiser
 from warp_caustics.data_gradient import possible_heights
@@ -137,5 +138,5 @@ def make_task(config: RunConfig, device: torch.device, rank: int, watch: Stopwat
     if config.kind == "updater":
         return UpdaterTask(config, device, rank)
     if config.kind == "direct":
-        return DirectTask(config, device, rank)
+        return (DirectTask if config.training.bench is None else ToldTask)(config, device, rank)
     return UnrolledTask(config, device, rank, watch)

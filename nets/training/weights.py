@@ -1,13 +1,16 @@
 """Weights files that a run begins with, uses or writes."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import nn
 
 from data_gen.samples import Denoiser
+from nets.architecture import Architecture
 from nets.direct_net import DirectNet
+from nets.family import family_of
+from nets.residual_config import DirectConfig
 from nets.training.config import RunConfig
 from nets.training.devices import autocast
 from nets.training.keys import fresh_dataset
@@ -40,6 +43,8 @@ def export_weights(path: Path, network: nn.Module, config: RunConfig, training: 
         "config": config.training.model_dump(mode="json"),
         "reliefs": config.reliefs.model_dump(mode="json"),
     }
+    if config.training.bench is not None:
+        training["family"] = family_of(config.scene, config.training.bench, config.training.scene_share)
     without_folders(training["config"])
     precision = config.training.exported
     save_weights(path, network, scene=config.scene, data_fingerprint=fingerprint, training=training, dtype=precision)
@@ -54,7 +59,7 @@ def without_folders(settings: dict[str, Any]) -> None:
 
 
 def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_flat: bool) -> None:
-    """Start from a weights file; an unrolled network may also start from a direct one.
+    """Start from a weights file; an unrolled network may also start from a direct one, a told one from one that is not.
 
     Args:
         path: of the file.
@@ -71,13 +76,24 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
     if isinstance(network, UnrolledUpdater) and isinstance(loaded.module, DirectNet):
         warm_start(network, loaded.module, keep_head=starts_flat)
         return
-    found, wanted = loaded.info.architecture, network.config
+    found, wanted = loaded.info.architecture, cast(Architecture, network.config)
+    if found == _untold(wanted) != wanted:
+        # What it is told changes nothing yet, so it answers as before.
+        network.load_state_dict(loaded.module.state_dict(), strict=False)
+        return
     if found != wanted:
         raise MismatchError(
             f"network in {path!r} is a {found.kind} of another architecture than the one to be trained; "
             "choose its preset, or leave out --initial-weights"
         )
     network.load_state_dict(loaded.module.state_dict())
+
+
+def _untold(architecture: Architecture) -> Architecture:
+    """The architecture without what tells it of its bench."""
+    if not isinstance(architecture, DirectConfig):
+        return architecture
+    return architecture.model_copy(update={"backbone": architecture.backbone.model_copy(update={"conditions": 0})})
 
 
 def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:

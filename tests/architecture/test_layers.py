@@ -57,12 +57,14 @@ LAYERS = {
         "suites",
     ),
     "nets": (
-        "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries",
+        "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
+        " told flat_light",
         "unet backbone",
         "denoiser updater direct_net unrolled_net",
         "architecture",
         "receptive weights",
         "scene_match denoised",
+        "family",
         "shipped",
         "training reconstruct",
         "inspection search evaluation",

@@ -79,7 +79,8 @@ def sections(tree, at=""):
 @pytest.mark.parametrize("name", sections(Config().model_dump()))
 def test_null_is_no_section(tmp_path, name):
     """It looked like switching something off, and changed nothing."""
-    line = "is null; of sections only reliefs.variety, reliefs.making, data.bench, training.camera can be off: leave it out"
+    off = "reliefs.variety, reliefs.making, data.bench, training.bench, training.camera"
+    line = f"is null; of sections only {off} can be off: leave it out"
     with pytest.raises(InputError, match=f"^--set {name}=null: {name} {line}"):
         load_config(None, [f"{name}=null"])
     *above, last = name.split(".")
@@ -190,7 +191,7 @@ def test_bad_settings_are_refused(setting, reason):
 
 @pytest.mark.parametrize(
     ("source", "reason"),
-    [("papr", "did you mean 'paper'"), ("zzz", "use one of paper, small"), ("./none.yaml", "does not exist")],
+    [("papr", "did you mean 'paper'"), ("zzz", "use one of family, paper, small"), ("./none.yaml", "does not exist")],
 )
 def test_missing_files_are_named(source, reason):
     with pytest.raises(InputError) as caught:

@@ -89,6 +89,9 @@ def test_an_earlier_run_is_not_overwritten(tmp_path, capsys):
         (["direct", "--fresh", "--seed", "-1"], 3, "training.seed"),
         (["unrolled", "--fresh", "--set", "training.unrolling.start.direct=1"], 3, "give direct_weights"),
         (["direct", "--resume"], 3, "holds no config.resolved.yaml"),
+        (["unrolled", "--fresh", "--from-shipped"], 3, "no unrolled network comes with this software"),
+        (["direct", "--from-shipped", "--resume"], 2, "--from-shipped does not go with --resume"),
+        (["direct", "--fresh", "--config", "family", "--set", "training.bench=null"], 3, "training.scene_share is 0.2"),
         (["direct", "--resume", "--fresh"], 2, "--fresh does not go with --resume"),
         (["updater", "missing"], 3, "missing"),
         (["direct", "--fresh", "--initial-weights", "none.safetensors"], 3, "does not exist"),
@@ -99,6 +102,34 @@ def test_refusals(tmp_path, capsys, monkeypatch, arguments, code, message):
     monkeypatch.chdir(tmp_path)
     found, text = refused(capsys, arguments[0], *arguments[1:], "-o", tmp_path / "run")
     assert (found, message in text) == (code, True), text
+
+
+def test_the_family_of_benches_trains(tmp_path, capsys):
+    run = tmp_path / "run"
+    settings = [each for each in TINY if "network.backbone" not in each]
+    backbone = "network.backbone={widths: [8, 16], depths: [1, 1], attention_levels: [], conditions: 11}"
+    arguments = [
+        *settings,
+        "--set",
+        backbone,
+        "--total-steps",
+        3,
+        "--set",
+        "training.replay={size: 8, fresh_per_step: 4}",
+    ]
+    assert train("direct", "--fresh", "--config", "family", "-o", run, *arguments) == 0
+    row = (run / "metrics.csv").read_text().splitlines()
+    values = dict(zip(row[0].split(","), row[-1].split(","), strict=True))
+    assert float(values["val_rmse_um"]) > 0 and float(values["val_unknown_rmse_um"]) > 0
+    resolved = yaml.safe_load((run / "config.resolved.yaml").read_text())
+    assert len(resolved["training"]["bench"]["prints"]) == 4 and resolved["network"]["backbone"]["conditions"] == 11
+
+
+def test_shipped_weights_are_a_start(tmp_path, capsys):
+    """Of another scene's size they are refused by name: the file was found."""
+    run = tmp_path / "run"
+    code, message = refused(capsys, "direct", "--fresh", "--from-shipped", "-o", run, *TINY)
+    assert code != 0 and "direct.safetensors" in message
 
 
 def test_a_start_that_failed_is_no_run(tmp_path, capsys):

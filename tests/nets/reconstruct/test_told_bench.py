@@ -1,0 +1,137 @@
+"""``direct`` with a network that is told of its bench."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from data_gen.bench_ranges import BenchRanges, bench_scene
+from nets.architecture import build
+from nets.family import check_family, family_of
+from nets.reconstruct.methods import create
+from nets.reconstruct.told_bench import ToldBench
+from nets.residual_config import BackboneConfig, DirectConfig
+from nets.shipped import shipped_start
+from nets.symmetries import all_symmetries, transformed
+from nets.weights import load_weights, save_weights
+from warp_caustics.errors import MismatchError
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+CPU = torch.device("cpu")
+FAMILY = yaml.safe_load((Path(__file__).parents[3] / "configs" / "family.yaml").read_text())["training"]
+RANGES = BenchRanges.model_validate(FAMILY["bench"])
+BACKBONE = BackboneConfig(
+    widths=(8, 12), depths=(1, 1), attention_levels=frozenset({1}), head_channels=4, conditions=11
+)
+NEAR = {
+    "gap_m": 2e-3, "base_thickness_m": 5e-3, "index_offset": 0.02, "dispersion_scale": 0.5, "is_point_source": 1.0,
+    "lamp_distance_m": 0.25, "lamp_half_angle_rad": 0.0, "tilt_x_rad": 0.02, "tilt_y_rad": -0.01, "fresnel": 1.0,
+}  # fmt: skip
+
+
+def simulated(scene, heights):
+    with torch.no_grad():
+        return CausticSimulator(scene, "lattice")(torch.as_tensor(heights, dtype=torch.float32))
+
+
+@pytest.fixture
+def weights(tmp_path, scene):
+    """A told network with random weights, of the family."""
+    torch.manual_seed(0)
+    network = build(DirectConfig(backbone=BACKBONE), scene)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.normal_(std=0.1)
+    path = tmp_path / "told.safetensors"
+    training = {"family": family_of(scene, RANGES, 0.2)}
+    save_weights(path, network, scene=scene, data_fingerprint=None, training=training)
+    return str(path)
+
+
+def test_any_bench_of_the_family_is_taken_and_others_are_refused(weights, scene, heights):
+    bench = bench_scene(scene, **NEAR)
+    image = CausticImage(simulated(bench, heights).numpy(), noise_std=np.full(3, 0.01))
+    result = create("direct", bench, weights=weights, refine_iterations=2).reconstruct(image)
+    assert result.heights_m.shape == (16, 16) and np.isfinite(result.heights_m).all()
+    assert result.counters["symmetries"] == 8
+    for changes, message in (
+        ({"base_thickness_m": 8e-3}, r"base_thickness_m is 0.008 here, the nearest that is known is 0.006"),
+        ({"screen_position_m": (0.0, 0.0, -4e-3)}, r"gap_m is 0.004 here, the nearest that is known is 0.003001"),
+        ({"light_tilt_rad": (0.05, 0.0)}, r"light's angle aside is 0.05004 here, .* 0.03001"),
+        ({"emission_half_angle_rad": 0.5, "light_position_m": (0.0, 0.0, 0.1)}, r"0.097 m here, .* known is 0.25 m"),
+        ({"glass": 1.7}, r"index of the glass at the middle wavelength is 1.7 here"),
+        ({"wavelengths_m": (6e-7, 5.3e-7, 4.3e-7)}, r"wavelengths_m is"),
+        ({"screen_position_m": (4e-3, 0.0, -1e-6)}, r"the window lies 8.0% of the plate beside its image"),
+        ({"exit_medium": "glass"}, r"exit_medium is air there and glass here"),
+    ):
+        with pytest.raises(MismatchError, match=f"is for other benches: .*{message}.*; train one with: nsfc train"):
+            create("direct", scene.model_copy(update=changes), weights=weights)
+
+
+def test_the_family_holds_what_was_drawn_and_the_scene():
+    from data_gen.benches.bench_set import Benches
+    from data_gen.dataset_config import DatasetConfig
+
+    scene = Scene(height_samples=16, image_pixels=64)
+    dataset = DatasetConfig(kind="capture", n_samples=100, scene=scene, bench=RANGES)
+    benches, family = Benches(dataset), family_of(scene, RANGES)
+    for drawn in benches.scenes(benches.draw(range(60))):
+        assert check_family(drawn, scene, family, "network", "direct") == ()
+    assert check_family(scene, scene, family, "network", "direct") == ()
+    assert family["divergence_1_m"] == [0.0, 4.0] and family["base_thickness_m"] == pytest.approx([1.5e-3, 6e-3])
+
+
+def test_a_picture_of_a_flat_plate_is_flat(scene):
+    bench = bench_scene(scene, **NEAR)
+    flat = simulated(bench, torch.zeros(16, 16))
+    seen = ToldBench(bench, scene, CPU).picture(flat)
+    assert (flat - 1).abs().max() > 0.05 and (seen - 1)[:, 4:-4, 4:-4].abs().max() < 3e-3
+    # Brighter by a fifth: told by all its light, as for even light.
+    assert (ToldBench(bench, scene, CPU).picture(1.2 * flat) - seen).abs().max() < 3e-3
+    image = torch.rand(3, 64, 64)
+    assert ToldBench(scene, scene, CPU).picture(image) is image
+
+
+def test_what_is_told_turns_with_the_picture(weights, scene, heights):
+    """A turned plate on a turned bench gives the turned answer."""
+    bench = bench_scene(scene, **NEAR)
+    turned = bench_scene(scene, **{**NEAR, "tilt_x_rad": -0.02})
+    image = simulated(bench, heights)
+    mirror = all_symmetries(scene)[:, 1:2]
+    other = transformed(image[None], mirror)[0]
+    answers = [
+        create("direct", where, weights=weights, refine=False).reconstruct(CausticImage(seen.numpy())).heights_m
+        for where, seen in ((bench, image), (turned, other), (bench, other))
+    ]
+    size = np.abs(answers[0]).max()
+    assert np.abs(answers[0][:, ::-1] - answers[1]).max() < 1e-3 * size
+    assert np.abs(answers[0][:, ::-1] - answers[2]).max() > 1e-2 * size
+
+
+def test_noise_is_told_where_the_image_brings_it(scene):
+    bench, places = ToldBench(scene, scene, CPU), all_symmetries(scene)
+    image = CausticImage(np.ones((3, 64, 64)))
+    told = bench.told(image, places)
+    assert told.shape == (8, 22) and (told[:, 11:20] == 1).all() and (told[:, 20:] == 0).all()
+    told = bench.told(CausticImage(np.ones((3, 64, 64)), noise_std=np.full(3, 0.02)), places)
+    assert (told[:, 21] == 1).all() and (told[:, 20] == 0).all() and told[0, 10] == pytest.approx(0.4)
+
+
+def test_the_shipped_network_told_its_scene_answers_as_it_did(tmp_path):
+    loaded = load_weights(shipped_start("direct"))
+    scene, plain = loaded.info.scene, loaded.info.architecture
+    config = plain.model_copy(update={"backbone": plain.backbone.model_copy(update={"conditions": 11})})
+    network = build(config, scene)
+    network.load_state_dict(loaded.module.state_dict(), strict=False)
+    path = tmp_path / "told.safetensors"
+    training = {"family": family_of(scene, RANGES), "steps": 5000}
+    save_weights(path, network, scene=scene, data_fingerprint=None, training=training)
+    image = CausticImage(1 + 0.3 * np.random.default_rng(0).random((3, 512, 512)))
+    options = {"refine": False, "symmetries": False}
+    told = create("direct", scene, weights=str(path), **options).reconstruct(image)
+    before = create("direct", scene, **options).reconstruct(image)
+    assert np.abs(told.heights_m - before.heights_m).max() < 1e-6 * np.abs(before.heights_m).max()
