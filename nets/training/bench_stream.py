@@ -1,6 +1,6 @@
 """Plates and benches of fresh samples: drawn on the host while the device works, printed on the device."""
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.patterns import padded
 from data_gen.samples import Reliefs
 from nets.told import bench_values
+from nets.training.drawn_ahead import DrawnAhead, sendable
 from warp_caustics.scene import Scene
 
 
@@ -59,21 +60,16 @@ class BenchStream:
         self.fingerprint = dataset.sample_fingerprint()
         self.kinds = PrintKinds(dataset, self.fingerprint)
         self.reliefs = [Reliefs(kind, device, self.fingerprint) for kind in self.kinds.datasets]
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="benches")
-        self._waiting: dict[range, Future[Drawn]] = {}
+        self._ahead = DrawnAhead(self._drawn)
 
-    def __call__(self, ids: range, following: list[range] | None = None) -> OnBenches:
+    def __call__(self, ids: range, following: Iterable[range] = ()) -> OnBenches:
         """Plates and benches of samples.
 
         Args:
             ids: their numbers.
             following: batches that will be asked for next.
         """
-        found = self._waiting.pop(ids, None)
-        drawn = found.result() if found is not None else self._drawn(ids)
-        for coming in following or []:
-            if coming not in self._waiting:
-                self._waiting[coming] = self._pool.submit(self._drawn, coming)
+        drawn = self._ahead(ids, following)
         n = self.dataset.scene.height_samples
         heights = torch.empty(len(ids), n, n, device=self.device)
         for part in drawn.prints:
@@ -83,8 +79,7 @@ class BenchStream:
 
     def close(self) -> None:
         """End the thread."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        self._waiting.clear()
+        self._ahead.close()
 
     def _drawn(self, ids: range) -> Drawn:
         numbers = [self.kinds.number(sample) for sample in ids]
@@ -93,16 +88,12 @@ class BenchStream:
             rows = [row for row, number in enumerate(numbers) if number == kind]
             own, reliefs = [ids[row] for row in rows], self.reliefs[kind]
             strokes = torch.from_numpy(padded(reliefs.drawn(own)))
-            traits = self._sent(reliefs.traits(own))
-            prints.append(Printed(kind, self._sent(torch.tensor(rows)), self._sent(strokes), traits))
+            parts = (torch.tensor(rows), strokes, reliefs.traits(own))
+            prints.append(Printed(kind, *(sendable(part, self.device) for part in parts)))
         # How they are printed is on record in data sets only.
         unrecorded = dict.fromkeys(PRINT_NAMES, np.zeros(len(ids)))
         scenes = scenes_of(self.dataset.scene, draw_benches(self.dataset, self.fingerprint, ids, unrecorded))
         on_scene = [sample_generator(self.fingerprint, "on the scene", k).random() < self.scene_share for k in ids]
         scenes = [self.dataset.scene if is_on else scene for is_on, scene in zip(on_scene, scenes, strict=True)]
         values = torch.tensor([bench_values(scene) for scene in scenes], dtype=torch.float32)
-        return Drawn(prints, scenes, self._sent(values))
-
-    def _sent(self, tensor: torch.Tensor) -> torch.Tensor:
-        """In memory from which it reaches the device without anybody waiting."""
-        return tensor.pin_memory() if self.device.type == "cuda" else tensor
+        return Drawn(prints, scenes, sendable(values, self.device))

@@ -7,8 +7,7 @@ network's own answer to a sample that was trained on before, and that answer to 
 in turn: no step is repeated, so a sample costs what any fresh one costs.
 """
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import torch
@@ -18,6 +17,7 @@ from data_gen.patterns import padded
 from data_gen.samples import DenoiserSampler, Reliefs, UpdaterSampler
 from nets.training.batch import Batch, Told, silent
 from nets.training.config import LATTICE, RunConfig
+from nets.training.drawn_ahead import DrawnAhead, sendable
 from nets.training.imaging import Imager, VariedImager
 from nets.training.keys import batch_ids, fresh_dataset, step_generator
 from nets.training.weights import frozen_denoiser
@@ -41,28 +41,21 @@ class StrokeStream:
 
     def __init__(self, dataset: DatasetConfig, device: torch.device, *, with_start: bool):
         self.source, self.device, self.with_start = Reliefs(dataset, device), device, with_start
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="strokes")
-        self._waiting: dict[range, Future[list[torch.Tensor]]] = {}
+        self._ahead = DrawnAhead(self._drawn)
 
-    def reliefs(self, ids: range, following: list[range] | None = None) -> list[torch.Tensor]:
+    def reliefs(self, ids: range, following: Iterable[range] = ()) -> list[torch.Tensor]:
         """Heights [m], shape [len(ids), n, n], of the true relief and, where wanted, of the perturbed one.
 
         Args:
             ids: sample numbers.
             following: batches that will be asked for next.
         """
-        found = self._waiting.pop(ids, None)
-        drawn = found.result() if found is not None else self._drawn(ids)
-        for coming in following or []:
-            if coming not in self._waiting:
-                self._waiting[coming] = self._pool.submit(self._drawn, coming)
-        traits, *sets = drawn
+        traits, *sets = self._ahead(ids, following)
         return [self.source.printed(strokes, traits) for strokes in sets]
 
     def close(self) -> None:
         """End the thread."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        self._waiting.clear()
+        self._ahead.close()
 
     def _drawn(self, ids: range) -> list[torch.Tensor]:
         """Traits, strokes and, where wanted, perturbed strokes."""
@@ -71,7 +64,7 @@ class StrokeStream:
             pairs = zip(sets[0], ids, strict=True)
             sets.append([self.source.perturbed_strokes(strokes, sample)[0] for strokes, sample in pairs])
         tensors = [self.source.traits(ids), *(torch.from_numpy(padded(strokes)) for strokes in sets)]
-        return [tensor.pin_memory() for tensor in tensors] if self.device.type == "cuda" else tensors
+        return [sendable(tensor, self.device) for tensor in tensors]
 
 
 class OwnStarts:
