@@ -216,28 +216,6 @@ class Engine:
         )
         return records
 
-    def records_adjoint(
-        self,
-        maps: torch.Tensor,
-        positions: torch.Tensor,
-        records: torch.Tensor,
-        grad_records: torch.Tensor,
-        photons: Any = None,
-    ) -> torch.Tensor:
-        """Adjoint of :meth:`records`: gradient with respect to the maps [B, 6, N]."""
-        grad_maps = torch.zeros_like(maps)
-        wp.launch(
-            self.tracer.trace,
-            dim=(maps.shape[0], self.scene.n_wavelengths, maps.shape[2]),
-            inputs=[warp_array(maps), photons or self.photons(positions)],
-            outputs=[warp_array(records)],
-            adj_inputs=[warp_array(grad_maps), self.optics.no_gradient()],
-            adj_outputs=[warp_array(grad_records)],
-            adjoint=True,
-            device=self.warp_device,
-        )
-        return grad_maps
-
     def splat(self, records: torch.Tensor, image: torch.Tensor) -> None:
         """Add the footprints of records [B, n_w, 6, N] to image [B, n_w, m, m]."""
         wp.launch(
@@ -247,18 +225,6 @@ class Engine:
             outputs=[warp_array(image)],
             device=self.warp_device,
         )
-
-    def splat_adjoint(self, records: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        """Adjoint of :meth:`splat`: gradient with respect to the records."""
-        grad_records = torch.empty_like(records)
-        wp.launch(
-            self.splatter.splat_adjoint,
-            dim=(records.shape[0], records.shape[1], records.shape[3]),
-            inputs=[warp_array(records), warp_array(grad_image)],
-            outputs=[warp_array(grad_records)],
-            device=self.warp_device,
-        )
-        return grad_records
 
     def land(self, maps: torch.Tensor, positions: torch.Tensor, photons: Any = None) -> Landings:
         """Where light of surface maps [B, 6, N] lands, and what becomes of it on the way."""
