@@ -3,6 +3,7 @@
 Drawn anew for every visit of a sample, on the device.
 """
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -11,6 +12,10 @@ from nets.told import CAMERA, ToldTable, turned
 from nets.training.camera import Camera
 from nets.training.told_config import ToldConfig
 
+LIGHT = ("light", "divergence", "lamp")
+"""Groups of parameters that say where light comes from."""
+CAMERA_GROUPS = ("blur", "noise")
+"""Of the camera."""
 AMOUNTS = ("gap", "divergence", "lamp", "blur", "noise")
 """Groups of parameters that nobody tells below 0."""
 
@@ -54,6 +59,10 @@ class Teller:
         self.relative = torch.tensor([relative.get(kind, 0.0) for kind in kinds], device=device)
         alike = [kinds.index(kind) if kind == "dispersion" else place for place, kind in enumerate(kinds)]
         self.alike = torch.tensor(alike, device=device)
+        unknown = [config.unknown_camera_share if g in CAMERA_GROUPS else config.unknown_share for g in table.groups]
+        self.unknown_share = torch.tensor(unknown, device=device)
+        self.is_light = torch.tensor([row.group in LIGHT for row in table.rows], device=device)
+        self.log_care = tuple(math.log(end) for end in config.care)
         self.is_amount = torch.tensor([kind in AMOUNTS for kind in kinds], device=device)
         self.groups = len(table.groups)
 
@@ -72,11 +81,15 @@ class Teller:
         count = len(true)
         normal = torch.randn(true.shape, generator=generator, device=true.device)[:, self.alike]
         inexact = (unit(count, 1) >= config.exact_share).float()
-        error = (self.absolute + self.relative * true) * normal * inexact
-        unknown = (unit(count, self.groups) < config.unknown_share)[:, table.group]
+        low, high = self.log_care
+        care = (low + (high - low) * unit(count, 1)).exp()
+        error = (self.absolute + self.relative * true) * normal * inexact * care
+        is_unsaid = (unit(count, 1) < config.unsaid_lamp_share) & self.is_light
+        unknown = (unit(count, self.groups) < self.unknown_share)[:, table.group]
         nothing = unit(count, 1) < config.nothing_share
         told = true + error
         told = torch.where(self.is_amount, told.clamp(min=0.0), told)
+        told = torch.where(is_unsaid, table.centre, told)
         return Telling(told, (~(unknown | nothing)).float())
 
     def turned(self, bench: torch.Tensor, symmetries: torch.Tensor) -> torch.Tensor:
