@@ -243,7 +243,7 @@ def test_it_starts_from_weights_that_know_nothing_of_benches(tiny_run, told_run,
     [
         ({"network": {"backbone": {"conditions": 0}}}, "set network.backbone.conditions to 11"),
         ({"training": {"bench": None, "scene_share": 0.0}}, r"conditions is 11, but all samples are on one bench"),
-        ({"training": {"bench": None}}, r"scene_share is 0.2, but all samples are on the scene"),
+        ({"training": {"bench": None}}, r"scene_share is 0.3, but all samples are on the scene"),
         ({"training": {"bench": {"camera": {"psf_px": [0, 1]}}}}, r"bench.camera is not used"),
         ({"training": {"bench": {"set_up": {"gap_offset_m": [-1, 0]}}}}, "puts the screen inside the plate"),
         ({"data": "folder"}, "training.bench is for fresh samples of a direct network"),
