@@ -17,6 +17,7 @@ import torch
 from torch import nn
 
 from nets.architecture import MAX_PARAMETERS, Architecture, architecture_record, build, parse_architecture, shapes
+from nets.rounded_weights import STEP, restored, rounded, stored_form
 from nets.weights_file import MAX_HEADER_BYTES, decode, encode
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
@@ -26,8 +27,9 @@ from warp_caustics.scene import Scene, validation_lines
 FORMAT = 1
 """Raised whenever older programs would misread a file."""
 
-Precision = Literal["float16", "float32"]
+Precision = Literal["int8", "float16", "float32"]
 _DTYPES: dict[Precision, torch.dtype] = {"float16": torch.float16, "float32": torch.float32}
+"""Of tensors that are stored as they are; for int8 see :mod:`nets.rounded_weights`."""
 MAX_NAMED = 4
 """Differences spelled out in one message."""
 
@@ -40,7 +42,7 @@ class WeightsInfo:
         architecture: complete configuration of the network.
         scene: what it was trained for.
         precision: how the weights are stored. float16 rounds a weight by up to 0.05 %, and by up to 3e-8
-            below 6e-5.
+            below 6e-5; int8 rounds kernels, by up to 0.4 % of the largest of an output channel.
         data_fingerprint: of the data it was trained on; None where there is none.
         training: record of the training.
         code: versions of the software that wrote it.
@@ -88,7 +90,8 @@ def save_weights(
         scene: what it was trained for.
         data_fingerprint: of the data it was trained on; None where there is none.
         training: record of the training, JSON values.
-        dtype: how weights are stored; float16 halves the file and rounds, see :class:`WeightsInfo`.
+        dtype: how weights are stored; float16 halves the file and rounds, int8 does so again, see
+            :class:`WeightsInfo`.
 
     Returns:
         sha256 of the content.
@@ -145,7 +148,7 @@ def load_weights(
     # Building draws numbers for weights that are overwritten; a program's own random numbers stay as they were.
     with torch.random.fork_rng(devices=()):
         module = build(info.architecture, info.scene)
-    module.load_state_dict({key: tensor.float() for key, tensor in tensors.items()}, strict=True)
+    module.load_state_dict(restored(tensors), strict=True)
     return LoadedNetwork(module.to(map_location).eval(), info)
 
 
@@ -183,14 +186,24 @@ def _json_value(record: Mapping[str, Any]) -> Any:
 
 
 def _stored(module: nn.Module, dtype: Precision) -> dict[str, torch.Tensor]:
-    limit = torch.finfo(_DTYPES[dtype]).max
-    tensors = {}
+    limit = torch.finfo(_DTYPES.get(dtype, torch.float16)).max
+    tensors: dict[str, torch.Tensor] = {}
     for key, tensor in module.state_dict().items():
         largest = tensor.detach().abs().max().item()
         if not largest <= limit:
             raise InputError(f"weight {key} reaches {largest:g}, {dtype} ends at {limit:g}; do not save this network")
-        tensors[key] = tensor.detach().cpu().to(_DTYPES[dtype])
+        values = tensor.detach().cpu()
+        tensors.update(rounded(key, values) if dtype == "int8" else {key: values.to(_DTYPES[dtype])})
     return tensors
+
+
+def _forms(
+    expected: Mapping[str, tuple[int, ...]], precision: Precision
+) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
+    """Shape and type of every tensor of a file."""
+    if precision != "int8":
+        return {key: (shape, _DTYPES[precision]) for key, shape in expected.items()}
+    return {name: form for key, shape in expected.items() for name, form in stored_form(key, shape).items()}
 
 
 def _content(file: Path, name: str) -> bytes:
@@ -206,8 +219,8 @@ def _info(record: Mapping[str, Any], tensors: Mapping[str, torch.Tensor], digest
         raise MismatchError(f"{name} has format {record.get('format')!r}, this program reads {FORMAT}; update nsfc")
     try:
         architecture, scene = parse_architecture(record["architecture"]), Scene.model_validate(record["scene"])
-        if record["precision"] not in _DTYPES:
-            raise InputError(f"precision {record['precision']!r} is none of {', '.join(_DTYPES)}")
+        if record["precision"] not in get_args(Precision):
+            raise InputError(f"precision {record['precision']!r} is none of {', '.join(get_args(Precision))}")
         expected = normalisation(architecture, scene)
         if record["normalisation"] != expected:
             raise InputError(f"normalisation {record['normalisation']} differs from {expected}")
@@ -221,7 +234,7 @@ def _info(record: Mapping[str, Any], tensors: Mapping[str, torch.Tensor], digest
             data_fingerprint=record["data_fingerprint"],
             training=record["training"],
             code=record["code"],
-            parameters=sum(tensor.numel() for tensor in tensors.values()),
+            parameters=sum(tensor.numel() for key, tensor in tensors.items() if not key.endswith(STEP)),
             content_hash=digest,
         )
     except KeyError as error:
@@ -234,7 +247,7 @@ def _info(record: Mapping[str, Any], tensors: Mapping[str, torch.Tensor], digest
 def _check_tensors(tensors: Mapping[str, torch.Tensor], info: WeightsInfo, name: str) -> None:
     """Compare with the architecture before anything of its size is allocated."""
     try:
-        expected = shapes(info.architecture, info.scene)
+        expected = _forms(shapes(info.architecture, info.scene), info.precision)
     except InputError as error:
         raise MismatchError(f"{name} cannot be built: {error}") from error
     kind = info.architecture.kind
@@ -242,10 +255,11 @@ def _check_tensors(tensors: Mapping[str, torch.Tensor], info: WeightsInfo, name:
     problems += [f"{key} belongs to no {kind} network" for key in tensors if key not in expected]
     for key in expected.keys() & tensors.keys():
         found, dtype = tuple(tensors[key].shape), tensors[key].dtype
-        if found != expected[key]:
-            problems.append(f"{key} has shape {list(found)}, not {list(expected[key])}")
-        if dtype != _DTYPES[info.precision]:
-            problems.append(f"{key} is {str(dtype).removeprefix('torch.')}, not {info.precision}")
+        shape, wanted = expected[key]
+        if found != shape:
+            problems.append(f"{key} has shape {list(found)}, not {list(shape)}")
+        if dtype != wanted:
+            problems.append(f"{key} is {str(dtype).removeprefix('torch.')}, not {str(wanted).removeprefix('torch.')}")
     if problems:
         raise MismatchError(f"weights in {name} do not fit their architecture: {_listed(problems)}; train again")
     bad = [key for key, tensor in tensors.items() if not torch.isfinite(tensor).all()]

@@ -147,8 +147,8 @@ class TrainingConfig(Strict):
     """No stop for lack of progress before."""
     log_every_steps: Annotated[int, Field(ge=1, le=10**6)] = 20
     """Steps between reports of progress."""
-    exported: Literal["float32", "float16"] = "float32"
-    """How weights.safetensors stores the weights."""
+    exported: Literal["float32", "float16", "int8"] = "float32"
+    """How weights.safetensors stores the weights; int8 rounds kernels to a 127th of an output channel's largest."""
     checkpoint_minutes: Annotated[Finite, Field(gt=0, le=1e5)] = 2.0
     """Checkpoint every so many minutes."""
     checkpoint_steps: Count | None = None

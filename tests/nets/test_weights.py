@@ -84,6 +84,57 @@ def test_float16_rounds_by_half_a_thousandth_and_once(tmp_path):
     assert 0.5 < path.stat().st_size / (2 * loaded.info.parameters) < 1.5
 
 
+def test_int8_rounds_kernels_by_half_a_step_of_their_channel(tmp_path):
+    module, path = scramble(build(KINDS["direct"], SCENE)), tmp_path / "a"
+    save(path, module, dtype="int8")
+    loaded = load_weights(path)
+    assert loaded.info.precision == "int8"
+    assert loaded.info.parameters == sum(weight.numel() for weight in module.state_dict().values())
+    kernels = 0
+    for key, weight in module.state_dict().items():
+        found = loaded.module.state_dict()[key]
+        assert found.dtype == torch.float32
+        if weight.ndim > 1:
+            kernels += 1
+            half_step = weight.abs().flatten(1).amax(dim=1) / 254
+            assert ((found - weight).abs().flatten(1) <= 1.001 * half_step[:, None]).all()
+        else:
+            assert torch.all((found - weight).abs() <= 2.0**-11 * weight.abs() + 2.0**-25)
+    assert kernels > 10 and path.stat().st_size < 1.5 * loaded.info.parameters
+    again = load_weights_after(save(tmp_path / "b", loaded.module, dtype="int8"), tmp_path / "b")
+    for key, weight in loaded.module.state_dict().items():
+        assert torch.allclose(again.state_dict()[key], weight, rtol=1e-6, atol=0)
+
+
+def load_weights_after(digest, path):
+    loaded = load_weights(path)
+    assert loaded.info.content_hash == digest
+    return loaded.module
+
+
+def test_a_kernel_of_bytes_needs_its_steps(tmp_path):
+    module = scramble(build(KINDS["direct"], SCENE))
+    path = tmp_path / "a"
+    save(path, module, dtype="int8")
+    saved = (module, path)
+    for change, error, reason in (
+        (lambda r, t: t.pop("stem.weight#step"), MismatchError, "stem.weight#step is missing"),
+        (lambda r, t: t["stem.weight#step"].fill_(float("nan")), DamagedDataError, "not finite: stem.weight#step"),
+        (lambda r, t: t.update({"stem.weight": t["stem.weight"].half()}), MismatchError, "is float16, not int8"),
+        (lambda r, t: r.update(precision="float16"), MismatchError, "#step belongs to no direct network"),
+    ):
+        with pytest.raises(error, match=reason):
+            load_weights(changed(tmp_path, saved, change))
+
+
+def test_a_channel_of_zeros_stays_one(tmp_path):
+    module = scramble(build(KINDS["direct"], SCENE))
+    with torch.no_grad():
+        module.stem.weight[0] = 0
+    save(tmp_path / "a", module, dtype="int8")
+    assert not load_weights(tmp_path / "a").module.stem.weight[0].any()
+
+
 def test_equal_content_makes_equal_files(tmp_path, saved):
     module, path = saved
     save(tmp_path / "again", module)
