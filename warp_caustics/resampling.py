@@ -91,14 +91,51 @@ def resampling_matrix(
     row = torch.arange(pixels, device=device, dtype=dtype)
     source = middle + (row - middle - shift[..., None]) / (1 + scale[..., None])  # [..., m]
     half = 0.5 / (1 + scale[..., None])
-    first, weights = spline_taps(source - half, source + half)  # [..., m], [..., m, TAPS]
+    return _spline_rows(pixels, source - half, source + half, kernel)
+
+
+def _spline_rows(pixels: int, low: torch.Tensor, high: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
+    """Rows that give the spline's mean from ``low`` to ``high``, shape [..., k] -> [..., k, pixels]; each sums to 1."""
+    first, weights = spline_taps(low, high)  # [..., k], [..., k, TAPS]
     weights = weights / weights.sum(dim=-1, keepdim=True)
     reach, size = kernel.shape[-1] // 2, kernel.shape[-1]
     wide = weights.new_zeros(*weights.shape[:-1], TAPS - 1 + size)
     for k in range(TAPS):
         wide[..., k : k + size] += weights[..., k : k + 1] * kernel[..., None, :]
-    column = first.long()[..., None] + torch.arange(-reach, TAPS + reach, device=device)
+    column = first.long()[..., None] + torch.arange(-reach, TAPS + reach, device=low.device)
     return weights.new_zeros(*weights.shape[:-1], pixels).scatter_add_(-1, mirrored(column, pixels), wide)
+
+
+def regridding_matrix(pixels: int, wanted: int) -> torch.Tensor:
+    """From so many pixels over a width to as many as are wanted over the same, shape [wanted, pixels], float64.
+
+    A pixel is the mean over its width of the spline whose means are given: fewer pixels are means over areas, in which
+    little aliases, more are a spline through means. Rows and, in units of a pixel's light, columns sum to 1, so that no
+    light comes or goes. Beyond its border a picture is mirrored.
+
+    Args:
+        pixels: given.
+        wanted: of the result; as many as are given make the identity.
+    """
+    if wanted == pixels:
+        return torch.eye(pixels, dtype=torch.float64)
+    pieces = -(-pixels // wanted)  # of a wanted pixel, none wider than one that is given
+    edge = torch.arange(wanted * pieces + 1, dtype=torch.float64) * (pixels / (wanted * pieces)) - 0.5
+    kernel = spline_kernel(torch.zeros((), dtype=torch.float64), EXACT_SPLINE_REACH)
+    rows = _spline_rows(pixels, edge[:-1], edge[1:], kernel)
+    return rows.reshape(wanted, pieces, pixels).mean(dim=1)
+
+
+def regridded(maps: torch.Tensor, wanted: int) -> torch.Tensor:
+    """Images or height maps with other numbers of pixels, shape [..., k, k] -> [..., wanted, wanted].
+
+    What has as many already is given back as it is. The product is of the maps' type.
+    """
+    if maps.shape[-1] == wanted:
+        return maps
+    matrix = regridding_matrix(maps.shape[-1], wanted).to(maps)
+    changed: torch.Tensor = matrix @ maps @ matrix.T
+    return changed
 
 
 def resampled(

@@ -10,6 +10,7 @@ from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
 from nets.told import told_count
+from nets.training.picture_config import PictureConfig
 from nets.training.told_config import ToldConfig
 from nets.unrolling_config import PhotonVariant, Share, UnrollingConfig
 from warp_caustics.errors import InputError, known_names
@@ -181,6 +182,8 @@ class TrainingConfig(Strict):
     """Of such samples are on the scene itself; of those that judge a network, none."""
     told: ToldConfig = ToldConfig()
     """What a network with ``network.backbone.conditions`` is told of its benches."""
+    pictures: PictureConfig = PictureConfig()
+    """Of fewer wavelengths or pixels than the scene's, which such a network sees now and then."""
     replay: ReplayConfig = ReplayConfig()
     validation: ValidationConfig = ValidationConfig()
     unrolling: UnrollingConfig = UnrollingConfig()
@@ -244,6 +247,7 @@ class RunConfig(Strict):
     def _check_benches(self) -> None:
         """Benches and a network that is told of them go together."""
         bench, count = self.training.bench, told_count(self.scene.n_wavelengths)
+        self._check_pictures()
         conditions = self.network.backbone.conditions if self.network.kind == "direct" else 0
         if bench is None:
             if self.training.scene_share:
@@ -266,6 +270,26 @@ class RunConfig(Strict):
         if bench.camera != CameraRanges():
             raise ValueError("training.bench.camera is not used, training.camera is; leave it out")
         bench.check(self.scene)
+
+    def _check_pictures(self) -> None:
+        """Shares of other pictures that can be shown."""
+        pictures = self.training.pictures
+        if pictures.is_off:
+            return
+        if self.training.bench is None:
+            raise ValueError(
+                "training.pictures is for networks that are told of benches; give training.bench, or leave it out"
+            )
+        if pictures.coarse_share and self.scene.image_pixels % pictures.coarse_binning:
+            raise ValueError(
+                f"training.pictures.coarse_binning {pictures.coarse_binning} does not divide "
+                f"{self.scene.image_pixels} image pixels; use a divisor"
+            )
+        if self.scene.n_wavelengths == 1 and (pictures.one_wavelength_share or pictures.two_wavelengths_share):
+            raise ValueError(
+                "training.pictures has shares with fewer wavelengths than the scene's only one; set "
+                "one_wavelength_share and two_wavelengths_share to 0"
+            )
 
 
 PRESETS_OF_KIND: dict[str, tuple[str, ...]] = {

@@ -1,5 +1,6 @@
 """Image and what is told of its bench to heights."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
@@ -12,6 +13,7 @@ from nets.training.camera import draw_cameras, noisy, seen
 from nets.training.config import RunConfig
 from nets.training.keys import step_generator
 from nets.training.losses import relief_loss, relief_rmse_um
+from nets.training.pictures import PictureMaker, Pictures
 from nets.training.task import Common, Model, Sample, relief_measures
 from nets.training.telling import Teller, Telling, with_camera
 
@@ -43,11 +45,13 @@ class ToldTask(Common):
         super().__init__(config, device, rank)
         self.table = ToldTable(config.scene, device)
         self.light, self.teller = FlatLight(self.table), Teller(config.training.told, self.table)
+        self.pictures = PictureMaker(config.training.pictures, self.table, self.flat)
 
     def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
         batch = self.turned(batch, step)
         cameras, told = self.generator("camera", step), self.generator("told", step)
-        heights = self._seen(batch["image"], batch["bench"], cameras, told).answered(model)
+        pictures = self.pictures.drawn(len(batch["image"]), self.generator("pictures", step))
+        heights = self._seen(batch["image"], batch["bench"], cameras, told, pictures=pictures).answered(model)
         return relief_loss(heights, batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight)
 
     def turned(self, batch: Batch, step: int) -> Batch:
@@ -74,15 +78,30 @@ class ToldTask(Common):
             "val_unknown_rmse_um": mean([self._untold(batch, number) for number, batch in numbered]),
             "val_default_rmse_um": mean([self._default(batch, number) for number, batch in numbered]),
             "val_perfect_rmse_um": mean([self._perfect(batch, number) for number, batch in numbered]),
+            **{
+                name: mean([self._told(batch, number, kind) for number, batch in numbered])
+                for name, kind in self._others().items()
+            },
         }
+
+    def _others(self) -> dict[str, dict[str, bool]]:
+        """Measures of pictures of fewer wavelengths or pixels, where the training has such."""
+        options, found = self.training.pictures, {}
+        if options.one_wavelength_share:
+            found["val_one_wavelength_rmse_um"] = {"is_one": True}
+        if options.coarse_share:
+            found["val_coarse_rmse_um"] = {"is_coarse": True}
+        return found
 
     def sample(self, model: Model, batch: Batch) -> Sample:
         first = Seen(*(part[:1] for part in self._told(batch, 0)))
         return Sample(first.image[0], batch["heights"][0], first.answered(model)[0], is_height=True)
 
-    def _told(self, batch: Batch, number: int) -> Seen:
-        """A validation batch as trained on, the same in every epoch."""
-        return self._seen(batch["image"], batch["bench"], self._fixed("camera", number), self._fixed("told", number))
+    def _told(self, batch: Batch, number: int, kind: Mapping[str, bool] | None = None) -> Seen:
+        """A validation batch as trained on, the same in every epoch; all pictures of the scene, or all of one kind."""
+        pictures = None if kind is None else self.pictures.fixed(len(batch["image"]), **kind)
+        cameras, told = self._fixed("camera", number), self._fixed("told", number)
+        return self._seen(batch["image"], batch["bench"], cameras, told, pictures=pictures)
 
     def _untold(self, batch: Batch, number: int) -> Seen:
         """The same images, with nothing told."""
@@ -122,6 +141,7 @@ class ToldTask(Common):
         camera: torch.Generator,
         told: torch.Generator | None,
         known: torch.Tensor | None = None,
+        pictures: Pictures | None = None,
     ) -> Seen:
         """Images through cameras, moved by what is told.
 
@@ -131,10 +151,12 @@ class ToldTask(Common):
             camera: of cameras and noise.
             told: of what is told; None tells what is true.
             known: where what is true is told, shape [B, P]; None for nowhere.
+            pictures: which images have fewer wavelengths or pixels; None for none.
         """
         options = self.training.camera
         cameras = None if options is None else draw_cameras(options, len(image), image.shape[1], camera)
-        true = with_camera(bench, cameras)
+        known_camera = None if cameras is None else self.pictures.blurs(cameras, pictures)
+        true = with_camera(self.pictures.bench(bench, pictures), known_camera)
         if told is not None:
             telling = self.teller.drawn(true, told)
         else:
@@ -143,5 +165,6 @@ class ToldTask(Common):
         if cameras is None:
             image = self.light.rectified(image, values)
         else:
+            cameras = self.pictures.noises(cameras, pictures)
             image = seen(image, self.flat, cameras, camera, self.light.places(values))
-        return Seen(image, dropped(*telling, self.table), self.light.height_scale(values))
+        return Seen(self.pictures.seen(image, pictures), dropped(*telling, self.table), self.light.height_scale(values))

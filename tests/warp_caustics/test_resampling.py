@@ -9,7 +9,15 @@ from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.camera.spline_pixels import filter_matrix, pixel_matrix
-from warp_caustics.resampling import gaussian_kernel, resampled, resampling_matrix, spline_kernel, spline_reach
+from warp_caustics.resampling import (
+    gaussian_kernel,
+    regridded,
+    regridding_matrix,
+    resampled,
+    resampling_matrix,
+    spline_kernel,
+    spline_reach,
+)
 
 REACH = spline_reach(2.5)
 
@@ -128,3 +136,32 @@ def test_rows_sum_to_one_and_move_towards_larger_coordinates():
     assert matrix[32].argmax() == 30
     still = resampling_matrix(64, torch.zeros((), **double), torch.zeros((), **double))
     torch.testing.assert_close(still, torch.eye(64, **double), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize(("pixels", "wanted"), [(32, 64), (64, 32), (48, 64), (100, 64), (64, 64), (64, 2), (130, 64)])
+def test_another_number_of_pixels_keeps_all_light(pixels, wanted):
+    matrix = regridding_matrix(pixels, wanted)
+    assert (matrix.sum(dim=1) - 1).abs().max() < 1e-13
+    assert (matrix.sum(dim=0) * pixels / wanted - 1).abs().max() < 1e-12
+
+
+@pytest.mark.parametrize(("pixels", "wanted", "tolerance"), [(64, 96, 3e-4), (64, 48, 3e-4), (64, 256, 5e-4)])
+def test_pixels_of_another_grid_hold_means_of_the_same_picture(pixels, wanted, tolerance):
+    """A wave of six pixels, as means over pixels in closed form, in the middle of the picture."""
+
+    def means(count):
+        edge = torch.arange(count + 1, dtype=torch.float64) / count * pixels
+        integral = edge - 6 / (2 * np.pi) * torch.cos(2 * np.pi * edge / 6)
+        return integral.diff() / (pixels / count)
+
+    found = regridding_matrix(pixels, wanted) @ means(pixels)
+    inside = slice(wanted // 8, -wanted // 8)
+    assert (found - means(wanted))[inside].abs().max() < tolerance
+
+
+def test_whole_pixels_are_binned():
+    images = caustics()
+    assert regridded(images, 64) is images
+    binned = torch.nn.functional.avg_pool2d(images, 4)
+    assert (regridded(images, 16) - binned).abs().max() < 1e-6 * images.max()
+    assert (regridded(regridded(images, 128), 64) - images).abs().max() < 1e-5 * images.max()

@@ -1,8 +1,10 @@
 """A training run of seconds on a CPU."""
 
 import warnings
+from pathlib import Path
 
 import pytest
+import yaml
 
 import nets.training.fit as fit_module
 from nets.training.config import RunConfig, default_run
@@ -11,7 +13,8 @@ from nets.training.limits import Limits
 from nets.training.progress import TrainingProgress
 
 BACKBONE = {"widths": [8, 16], "depths": [1, 1], "attention_levels": [], "head_channels": 16}
-FAMILY = {"c_init": 4, "k_down": 3, "k_up": 2, "m_s": 2, "n_s": 2}
+TAB_2 = {"c_init": 4, "k_down": 3, "k_up": 2, "m_s": 2, "n_s": 2}
+FAMILY = yaml.safe_load((Path(__file__).parents[3] / "configs" / "family.yaml").read_text())
 PHOTONS = {"preset": "lattice", "n_photons": 64**2}
 
 
@@ -49,7 +52,7 @@ def _tiny_run(kind, *, network=None, data=None, **training):
         if kind == "unrolled":
             tree["network"] |= {"hidden_channels": 2, "numbered_steps": 2}
     else:
-        numbers = FAMILY if kind == "denoiser" else {**FAMILY, "c_init": None}
+        numbers = TAB_2 if kind == "denoiser" else {**TAB_2, "c_init": None}
         tree["network"]["network"] |= numbers
     tree["network"] |= network or {}
     tree["training"] |= {
@@ -71,6 +74,23 @@ def _tiny_run(kind, *, network=None, data=None, **training):
 @pytest.fixture
 def tiny_run():
     return _tiny_run
+
+
+@pytest.fixture
+def told_run(tiny_run):
+    """A tiny run on the family's benches."""
+
+    def make(**training):
+        plain = tiny_run("direct")
+        tree = plain.model_dump(mode="json")
+        tree["network"]["backbone"] |= FAMILY["network"]["backbone"]
+        tree["training"] |= FAMILY["training"]
+        for name, value in training.items():
+            known = tree["training"].get(name)
+            tree["training"][name] = known | value if isinstance(known, dict) and isinstance(value, dict) else value
+        return RunConfig.model_validate(tree)
+
+    return make
 
 
 @pytest.fixture

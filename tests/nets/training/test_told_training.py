@@ -1,12 +1,10 @@
 """Training on benches that differ, and what the network is told of them."""
 
 import shutil
-from pathlib import Path
 
 import pydantic
 import pytest
 import torch
-import yaml
 
 from data_gen.benches.bench_set import Benches
 from data_gen.samples import BenchReliefs
@@ -30,24 +28,6 @@ from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 
 CPU = torch.device("cpu")
-FAMILY = yaml.safe_load((Path(__file__).parents[3] / "configs" / "family.yaml").read_text())
-
-
-@pytest.fixture
-def told_run(tiny_run):
-    """A tiny run on the family's benches."""
-
-    def make(**training):
-        plain = tiny_run("direct")
-        tree = plain.model_dump(mode="json")
-        tree["network"]["backbone"] |= FAMILY["network"]["backbone"]
-        tree["training"] |= FAMILY["training"]
-        for name, value in training.items():
-            known = tree["training"].get(name)
-            tree["training"][name] = known | value if isinstance(known, dict) and isinstance(value, dict) else value
-        return RunConfig.model_validate(tree)
-
-    return make
 
 
 def test_samples_are_those_of_benches_by_number(told_run):
