@@ -5,7 +5,8 @@ from typing import Annotated, Any
 import torch
 from pydantic import Field
 
-from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
+from nets.reconstruct.network_grid import NetworkGrid
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
@@ -36,7 +37,9 @@ class DirectOptions(RefinementOptions):
 class Direct(Reconstructor):
     """Network, symmetries, refinement.
 
-    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`).
+    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`). Images
+    come to the network's grid and heights back to the scene's (:mod:`nets.reconstruct.network_grid`), where they are
+    refined.
 
     Args:
         scene: the set-up of the measurement.
@@ -55,10 +58,10 @@ class Direct(Reconstructor):
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, tells=True)
-        trained = self.network.info.scene
+        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
+        self.grid, seen = NetworkGrid(self.network, self.device), self.network.seen.scene
         is_told = bool(getattr(self.network.module, "is_told", False))
-        self.bench = ToldBench(scene, trained, self.device) if is_told else None
+        self.bench = ToldBench(seen, self.network.info.scene, self.device) if is_told else None
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
@@ -148,17 +151,17 @@ class Direct(Reconstructor):
 
     @property
     def _trained_shift_px(self) -> float | None:
-        """How far apart channels were in training [px]; None where the weights do not tell."""
+        """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
         camera = self.network.training.get("camera")
         shift = camera.get("shift_px") if isinstance(camera, dict) else None
-        return None if shift is None else float(shift)
+        return None if shift is None else float(shift) * self.scene.image_pixels / self.network.info.scene.image_pixels
 
     def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
         """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""
-        seen = network_image(image, self.scene, self.network.info.scene, self.device)
+        seen, noise = self.grid.picture(image), self.grid.noise(image)
         if self.bench is not None:
             seen = self.bench.picture(seen)
-        symmetries = all_symmetries(self.scene if self.bench is None else self.bench.trained)
+        symmetries = all_symmetries(self.network.seen.scene if self.bench is None else self.bench.trained)
         if not self.options.symmetries:
             symmetries = symmetries[:, :1]
         n = self.scene.height_samples
@@ -167,11 +170,11 @@ class Direct(Reconstructor):
         log.total = -(-symmetries.shape[1] // batch)
         try:
             for part in symmetries.split(batch, dim=1):
-                told = [] if self.bench is None else [self.bench.told(image, part)]
+                told = [] if self.bench is None else [self.bench.told(noise, part)]
                 heights = self.replayed(seen_in(seen, part), *told)
                 if self.bench is not None:
                     heights = heights * self.bench.height_scale
-                answers = torch.cat([answers, turned_back(heights, part)])
+                answers = torch.cat([answers, self.grid.heights(turned_back(heights, part))])
                 log.note("network", None, symmetries=len(answers))
         except KeyboardInterrupt as stop:
             return answers, why_stopped(stop)
