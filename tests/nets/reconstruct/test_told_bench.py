@@ -65,7 +65,10 @@ def test_any_bench_of_the_family_is_taken_and_others_are_refused(weights, scene,
         ({"light_tilt_rad": (0.05, 0.0)}, r"light's angle aside is 0.05004 here, .* 0.03001"),
         ({"emission_half_angle_rad": 0.5, "light_position_m": (0.0, 0.0, 0.1)}, r"0.097 m here, .* known is 0.25 m"),
         ({"glass": 1.7}, r"index of the glass at the middle wavelength is 1.7 here"),
-        ({"wavelengths_m": (6e-7, 5.3e-7, 2.5e-7)}, r"index at wavelength 2 less that at the middle one is 0.04665 here"),
+        (
+            {"wavelengths_m": (6e-7, 5.3e-7, 2.5e-7)},
+            r"index at wavelength 2 less that at the middle one is 0.04665 here",
+        ),
         ({"screen_position_m": (4e-3, 0.0, -1e-6)}, r"the window lies 8.0% of the plate beside its image"),
         ({"exit_medium": "glass"}, r"exit_medium is air there and glass here"),
     ):
