@@ -15,24 +15,25 @@ within one standard uncertainty, seconds of `direct`. `--force` uses a network w
 import argparse
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 import nets.shipped
 from data_gen.config import ReliefConfig
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.samples import Reliefs
 from nets.reconstruct.methods import create
+from nets.reconstruct.refinement import Refinement
 from nets.seen_scene import scaled
 from warp_caustics.errors import MismatchError
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.resampling import regridded
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
 
 SEED = 901_001
 NOISE = 0.01
@@ -68,24 +69,19 @@ def pattern(size: float, is_scaled: bool) -> ReliefConfig:
     return usual.model_copy(update=changes)
 
 
-def plates(case: str, count: int, device: str) -> list[tuple[CausticImage, np.ndarray[Any, Any]]]:
-    """Images and true heights [m] of a case."""
+def plate(case: str, number: int, device: str) -> tuple[CausticImage, FloatArray]:
+    """Image and true heights [m] of a case."""
     size, is_scaled, _ = CASES[case]
     scene = user_scene(case)
     printed = scene.model_copy(update={"height_samples": PRINTED_SAMPLES})
-    own = DatasetConfig(kind="updater", n_samples=count, seed=SEED)
+    own = DatasetConfig(kind="updater", n_samples=1000, seed=SEED)
     config = own.model_copy(update={"scene": printed, "reliefs": pattern(size, is_scaled)})
-    heights = Reliefs(config, device, own.sample_fingerprint()).true(range(count))
+    relief = Reliefs(config, device, own.sample_fingerprint()).true([number])[0]
     photons = PHOTONS_PER_PIXEL * scene.image_pixels**2
-    simulator = CausticSimulator(printed, "lattice", n_photons=photons, device=device)
-    found = []
-    for number, relief in enumerate(heights):
-        image = simulator(relief).cpu().numpy()
-        white = sample_generator(own.sample_fingerprint(), "noise", number).standard_normal(image.shape)
-        measured = CausticImage(image + NOISE * white.astype(np.float32), np.full(len(image), NOISE))
-        truth = regridded(relief.double().cpu(), scene.height_samples)
-        found.append((measured, truth.numpy()))
-    return found
+    image = CausticSimulator(printed, "lattice", n_photons=photons, device=device)(relief).cpu().numpy()
+    white = sample_generator(own.sample_fingerprint(), "noise", number).standard_normal(image.shape)
+    measured = CausticImage(image + NOISE * white.astype(np.float32), np.full(len(image), NOISE))
+    return measured, regridded(relief.double().cpu(), scene.height_samples).numpy()
 
 
 def user_scene(case: str) -> Scene:
@@ -94,24 +90,37 @@ def user_scene(case: str) -> Scene:
     return scaled(Scene(), size).model_copy(update=changes)
 
 
-def measured(case: str, count: int, device: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a case, by field."""
-    methods = {
-        name: create("direct", user_scene(case), device=device, refine=name == "direct", **options)
-        for name in ("symmetries", "direct")
+class Watched:
+    """A refinement that remembers where it started: at the mean of the symmetries."""
+
+    def __init__(self, refinement: Refinement):
+        self.refinement, self.pixels = refinement, refinement.pixels
+
+    def __call__(self, resimulation: Any, heights: FloatArray, *others: Any) -> Any:
+        self.start = heights
+        return self.refinement(resimulation, heights, *others)
+
+
+def measured(case: str, number: int, device: str, options: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a plate in a case.
+
+    Raises:
+        MismatchError: the network does not serve it.
+    """
+    method = create("direct", user_scene(case), device=device, **options)
+    watched = method.refinement = Watched(method.refinement)  # type: ignore[attr-defined]
+    image, truth = plate(case, number, device)
+    started = time.perf_counter()
+    result = method.reconstruct(image)
+    seconds = time.perf_counter() - started
+    uncertainty = np.zeros_like(truth) if result.uncertainty_m is None else result.uncertainty_m
+    return {
+        "flat": _rmse_um(truth, 0.0),
+        "symmetries": _rmse_um(watched.start, truth),
+        "direct": _rmse_um(result.heights_m, truth),
+        "within": float((np.abs(result.heights_m - truth) <= uncertainty).mean()),
+        "seconds": seconds,
     }
-    rows: dict[str, Any] = {name: [] for name in ("flat", "symmetries", "direct", "within", "seconds")}
-    for image, truth in plates(case, count, device):
-        rows["flat"].append(_rmse_um(truth, 0.0))
-        for name, method in methods.items():
-            started = time.perf_counter()
-            result = method.reconstruct(image)
-            seconds = time.perf_counter() - started
-            rows[name].append(_rmse_um(result.heights_m, truth))
-        rows["seconds"].append(seconds)
-        if result.uncertainty_m is not None:
-            rows["within"].append(float((np.abs(result.heights_m - truth) <= result.uncertainty_m).mean()))
-    return rows
 
 
 def _rmse_um(heights: Any, truth: Any) -> float:
@@ -131,29 +140,25 @@ def main() -> None:
         nets.shipped.check_scene = lambda *_: ()  # type: ignore[assignment]
     options = {} if arguments.weights is None else {"weights": arguments.weights}
     known = json.loads(arguments.json.read_text()) if arguments.json and arguments.json.exists() else {}
-    print("case | eight symmetries | direct | flat guess | within 1 | seconds")
     for case in arguments.cases.split(","):
-        if case not in known:
-            try:
-                known[case] = measured(case, arguments.plates, arguments.device, options)
-            except MismatchError as refusal:
-                print(f"{case} | refused: {refusal}")
-                continue
-            if arguments.json:
-                arguments.json.write_text(json.dumps(known, indent=1))
-        rows = known[case]
+        rows = known.setdefault(case, [])
+        try:
+            for number in range(len(rows), arguments.plates):
+                rows.append(measured(case, number, arguments.device, options))
+                if arguments.json:
+                    arguments.json.write_text(json.dumps(known, indent=1) + "\n")
+        except MismatchError as refusal:
+            print(f"{case} | refused: {refusal}")
+        else:
+            print(line(case, rows[: arguments.plates]), flush=True)
 
-        def errors(name: str, rows: dict[str, Any] = rows) -> str:
-            return f"{np.mean(rows[name]):.1f} / {np.median(rows[name]):.1f}"
 
-        within = f"{100 * np.mean(rows['within']):.0f} %" if rows["within"] else "-"
-        print(
-            f"{case} | {errors('symmetries')} | {errors('direct')} | {errors('flat')} | {within} | "
-            f"{np.mean(rows['seconds']):.1f}",
-            flush=True,
-        )
+def line(case: str, rows: Sequence[Mapping[str, float]]) -> str:
+    """A row of the table."""
+    found = {name: [row[name] for row in rows] for name in rows[0]}
+    errors = [f"{np.mean(found[name]):.1f} / {np.median(found[name]):.1f}" for name in ("symmetries", "direct", "flat")]
+    return f"{case} | {' | '.join(errors)} | {np.mean(found['within']):.0%} | {np.mean(found['seconds']):.1f}"
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
     main()

@@ -65,7 +65,7 @@ class Direct(Reconstructor):
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.refinement = Refinement(scene, self.options, self.device)
+        self.refinement = Refinement(scene, self.options, self.device, self.network.seen.scale)
 
     def reconstruct(
         self,

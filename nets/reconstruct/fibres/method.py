@@ -71,7 +71,7 @@ class Fibres(Reconstructor):
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
         self.options = self.options.on(self.device.type)
-        self.refinement = Refinement(scene, plain, self.device)
+        self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.model = LineModel(scene, self.options.profile, self.device)
 
     def reconstruct(
