@@ -54,12 +54,13 @@ class Direct(Reconstructor):
     name = "direct"
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
-        self.scene, self.options, self.device = scene, options or DirectOptions(), usable_device(device)
+        self.options, self.device = options or DirectOptions(), usable_device(device)
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
         self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
         self.grid, seen = NetworkGrid(self.network, self.device), self.network.seen.scene
+        self.scene = scene = self.network.seen.working
         is_told = bool(getattr(self.network.module, "is_told", False))
         self.bench = ToldBench(seen, self.network.info.scene, self.device) if is_told else None
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -80,10 +81,16 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
+        return self.grid.result(self.found(image, initial, progress))
+
+    def found(
+        self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
+    ) -> Reconstruction:
+        """The same with as many samples as it was found with, which may be more than the user's."""
         image = check_image(image, self.scene)
         warnings = list(self.network.warnings)
         if initial is not None:
-            check_initial(initial, self.scene)
+            check_initial(initial, self.network.seen.user)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
         resimulation = Resimulation(self.simulator, image)

@@ -1,14 +1,18 @@
 """Between a user's grid and a network's: the picture that the network sees, and heights where the user wants them."""
 
+import dataclasses
+
+import numpy as np
 import torch
 
 from nets.encoding import flat_irradiance
 from nets.reconstruct.network_io import network_image
 from nets.seen_scene import SeenScene
 from nets.shipped import FoundNetwork
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.seen_camera.aligned_channels import repaired
 from warp_caustics.resampling import regridded
+from warp_caustics.types import FloatArray
 
 
 class NetworkGrid:
@@ -49,7 +53,23 @@ class NetworkGrid:
         return sum(relative) / len(relative) * min(1.0, self.trained.image_pixels / seen.user.image_pixels)
 
     def heights(self, answers: torch.Tensor) -> torch.Tensor:
-        """Heights on the user's grid [m], shape [B, n, n], of those that the network sees, [B, n', n']."""
+        """Answers, shape [B, n', n'], as heights of the user's plate where they are refined, shape [B, n, n] [m]."""
         if self.seen.is_same:
             return answers
-        return regridded(answers, self.seen.user.height_samples) / self.seen.scale
+        return regridded(answers, self.seen.working.height_samples) / self.seen.scale
+
+    def result(self, found: Reconstruction) -> Reconstruction:
+        """What was found on the working grid with its heights and their uncertainty on the user's.
+
+        Means over cells; errors of neighbours are alike, so that a mean is about as uncertain as they are. Image,
+        residual and trust are those of the relief that was found.
+        """
+        samples = self.seen.user.height_samples
+        if samples == self.seen.working.height_samples:
+            return found
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.asarray(regridded(torch.as_tensor(values), samples).numpy())
+
+        uncertainty = None if found.uncertainty_m is None else mean(found.uncertainty_m).clip(min=0.0)
+        return dataclasses.replace(found, heights_m=mean(found.heights_m), uncertainty_m=uncertainty)

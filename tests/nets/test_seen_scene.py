@@ -52,7 +52,10 @@ def test_what_is_seen_is_the_bench_scaled():
         "height_samples": 16,
         "lengths_scaled_by": pytest.approx(5 / 3),
         "channels": [0, 1, 2],
+        "refined_samples": 20,
     }
+    few = seen_scene(TRAINED.model_copy(update={"height_samples": 8}), TRAINED)
+    assert few.record["refined_samples"] == few.working.height_samples == 16 and few.user.height_samples == 8
 
 
 @pytest.mark.parametrize(

@@ -116,11 +116,22 @@ def test_a_scaled_plate_is_refined_as_the_other(weights, scene, heights):
     plain = answer(scene, simulated(scene, heights), weights, symmetries=False)
     moved = difference(own.heights_m, plain.heights_m)
     assert difference(found.heights_m, 0.4 * own.heights_m) < 0.2 * moved
-    given = create("direct", small, weights=weights, refine_step_m=1e-6)
-    assert (
-        given.refinement.refine.step_m == 1e-6
-        and create("direct", small, weights=weights).refinement.refine.step_m == 3.2e-6
-    )
+    given, usual = (create("direct", small, weights=weights, **more) for more in ({"refine_step_m": 1e-6}, {}))
+    assert given.refinement.refine.step_m == pytest.approx(1e-6)
+    assert usual.refinement.refine.step_m == pytest.approx(3.2e-6)
+
+
+def test_few_samples_are_means_of_the_relief_that_was_refined(weights, scene, heights):
+    """A plate is finer than they say: heights found on them would be bent to explain the image."""
+    image, user = simulated(scene, heights), with_(scene, height_samples=8)
+    options = {"refine": True, "refine_iterations": 12, "symmetries": False}
+    own, found = answer(scene, image, weights, **options), answer(user, image, weights, **options)
+    assert own.counters["refinement"] == "kept" and found.residual == own.residual
+    expected = torch.nn.functional.avg_pool2d(torch.tensor(own.heights_m)[None], 2)[0].numpy()
+    np.testing.assert_allclose(found.heights_m, expected, atol=1e-12)
+    assert found.settings["network"]["sees"]["refined_samples"] == 16
+    start = create("direct", user, weights=weights, **PLAIN).reconstruct(CausticImage(image.numpy()), initial=expected)
+    assert start.heights_m.shape == (8, 8)
 
 
 def test_a_told_bench_scales_with_its_plate(told_weights, scene, heights):
