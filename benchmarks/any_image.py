@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 import nets.shipped
 from data_gen.config import ReliefConfig
@@ -116,7 +117,7 @@ def measured(case: str, number: int, device: str, options: Mapping[str, Any]) ->
     uncertainty = np.zeros_like(truth) if result.uncertainty_m is None else result.uncertainty_m
     return {
         "flat": _rmse_um(truth, 0.0),
-        "symmetries": _rmse_um(watched.start, truth),
+        "symmetries": _rmse_um(regridded(torch.as_tensor(watched.start), len(truth)).numpy(), truth),
         "direct": _rmse_um(result.heights_m, truth),
         "within": float((np.abs(result.heights_m - truth) <= uncertainty).mean()),
         "seconds": seconds,

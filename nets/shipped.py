@@ -13,6 +13,7 @@ from torch import nn
 from nets.family import check_family
 from nets.scene_match import check_scene, differences, train_command
 from nets.seen_scene import SeenScene, grid_problems, seen_scene
+from nets.unseen import unseen
 from nets.weights import WeightsInfo, load_weights, weights_info
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene
@@ -151,7 +152,7 @@ def find_network(
             warnings = check_family(seen, trained, family, name, kind, settings)
         else:
             warnings = check_scene(scene, trained, name, kind, str(device), settings, seen)
-        warnings += unseen_pictures(seen, _info(chosen))
+        warnings += unseen(seen, _info(chosen))
     few = few_steps(_info(chosen))
     if few is not None:
         warnings += (
@@ -160,21 +161,6 @@ def find_network(
         )
     loaded = load_weights(chosen, map_location=device)
     return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, chosen.name, warnings, seen)
-
-
-def unseen_pictures(seen: SeenScene, info: WeightsInfo) -> tuple[str, ...]:
-    """Warnings of pictures that a network's training did not show, by its record."""
-    if seen.shown == info.scene.n_wavelengths:
-        return ()
-    config = info.training.get("config")
-    pictures = config.get("pictures") if isinstance(config, dict) else None
-    key = "one_wavelength_share" if seen.shown == 1 else "two_wavelengths_share"
-    if isinstance(pictures, dict) and pictures.get(key):
-        return ()
-    return (
-        f"the network was trained with {info.scene.n_wavelengths} wavelengths, never with {seen.shown}: a valley may "
-        f"be taken for a ridge; give more wavelengths, or weights trained with --set training.pictures.{key}=0.1",
-    )
 
 
 def _info(path: Path) -> WeightsInfo:

@@ -64,7 +64,7 @@ LAYERS = {
         "architecture",
         "receptive weights",
         "scene_match denoised",
-        "family",
+        "family unseen",
         "shipped",
         "training reconstruct",
         "inspection search evaluation",

@@ -190,6 +190,25 @@ def test_a_network_that_saw_one_wavelength_does_not_warn(tmp_path, told_weights,
         assert sum("never with" in warning for warning in found) == warned
 
 
+def test_prints_that_look_larger_than_any_known_are_named(scene, saved):
+    """On 30 mm lines of 4 mm look 6.7 mm wide; a network that saw such lines says nothing."""
+    small = scaled(scene, 0.6)
+
+    def told(scene, **training):
+        path = saved("direct", training=training)
+        warnings = find_network("direct", scene, path=path, any_grid=True).warnings
+        return [warning for warning in warnings if "look" in warning]
+
+    tab_3, wide = ({"line_width_m": [1e-4, w], "line_height_m": [1e-4, w / 2]} for w in (4e-3, 8e-3))
+    assert told(small, reliefs=tab_3) == [
+        "lengths of this plate look 1.67 times as large to the network: of lines it knows up to 2.4 mm of width and "
+        "1.2 mm of height here, larger ones are a guess"
+    ]
+    assert told(scene, reliefs=tab_3) == told(scaled(scene, 1.6), reliefs=tab_3) == told(small, reliefs=wide) == []
+    kinds = {"bench": {"prints": [{"reliefs": tab_3}, {"reliefs": wide}, {"reliefs": {"pattern": "text"}}]}}
+    assert told(small, config=kinds, reliefs=tab_3) == [] and told(small) == []
+
+
 def test_a_network_that_is_told_nothing_needs_its_own_bench(weights, scene):
     """One wavelength has no dispersion to see, which makes another image than that of three."""
     for changes, message in (
