@@ -7,7 +7,6 @@ at all.
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -107,7 +106,6 @@ def _spline_rows(pixels: int, low: torch.Tensor, high: torch.Tensor, kernel: tor
     return weights.new_zeros(*weights.shape[:-1], pixels).scatter_add_(-1, mirrored(column, pixels), wide)
 
 
-@lru_cache(maxsize=8)
 def regridding_matrix(pixels: int, wanted: int) -> torch.Tensor:
     """From so many pixels over a width to as many as are wanted over the same, shape [wanted, pixels], float64.
 
@@ -118,9 +116,6 @@ def regridding_matrix(pixels: int, wanted: int) -> torch.Tensor:
     Args:
         pixels: given.
         wanted: of the result; as many as are given make the identity.
-
-    Returns:
-        A matrix that is kept: not to be changed.
     """
     if wanted == pixels:
         return torch.eye(pixels, dtype=torch.float64)

@@ -1,6 +1,7 @@
 """Between a user's grid and a network's: the picture that the network sees, and heights where the user wants them."""
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from nets.seen_scene import SeenScene
 from nets.shipped import FoundNetwork
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.seen_camera.aligned_channels import repaired
-from warp_caustics.resampling import regridded
+from warp_caustics.resampling import regridded, regridding_matrix
 from warp_caustics.types import FloatArray
 
 
@@ -38,7 +39,15 @@ class NetworkGrid:
             return network_image(image, seen.user, self.trained, self.device)
         measured = torch.as_tensor(repaired(image), dtype=torch.float32, device=self.device)
         relative = (measured / flat_irradiance(seen.user).to(self.device))[list(seen.channels)]
-        return regridded(relative, self.trained.image_pixels) * flat_irradiance(self.trained).to(self.device)
+        if seen.user.image_pixels != self.trained.image_pixels:
+            relative = self._pixels @ relative @ self._pixels.T
+        return relative * flat_irradiance(self.trained).to(self.device)
+
+    @cached_property
+    def _pixels(self) -> torch.Tensor:
+        """From the user's pixels to the network's, along one axis; it takes a while to make."""
+        matrix = regridding_matrix(self.seen.user.image_pixels, self.trained.image_pixels)
+        return matrix.to(self.device, torch.float32)
 
     def noise(self, image: CausticImage) -> float | None:
         """Noise of that picture relative to the light of a flat plate; None where the image does not bring it.

@@ -294,3 +294,12 @@ def test_the_command_trains_on_the_networks_grid(told_weights):
     with pytest.raises(MismatchError) as caught:
         create("direct", user, weights=told_weights)
     assert "scene.image_pixels=64" in str(caught.value) and "scene.image_pixels=100" not in str(caught.value)
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_gpu_sees_the_same(weights, scene, heights):
+    user = with_(scaled(scene, 0.6), image_pixels=100, height_samples=24)
+    image = CausticImage(simulated(user, regridded(torch.tensor(0.6 * heights), 24)).numpy())
+    found = [create("direct", user, device=d, weights=weights, **PLAIN).reconstruct(image) for d in ("cpu", "cuda")]
+    assert difference(found[1].heights_m, found[0].heights_m) < 1e-3
