@@ -17,6 +17,7 @@ from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Recon
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
+from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
@@ -111,7 +112,8 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
-            warnings += resimulation.camera.warnings(self.scene.wavelengths_m, self._trained_shift_px)
+            known_px = self._trained_shift_px, TRAINED_BLUR_PX * self._pixels_of_one
+            warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
         history = log.history
         if self.options.refine and not interrupted:
             found = self.refinement(
@@ -161,7 +163,12 @@ class Direct(Reconstructor):
         """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
         camera = self.network.training.get("camera")
         shift = camera.get("shift_px") if isinstance(camera, dict) else None
-        return None if shift is None else float(shift) * self.scene.image_pixels / self.network.info.scene.image_pixels
+        return None if shift is None else float(shift) * self._pixels_of_one
+
+    @property
+    def _pixels_of_one(self) -> float:
+        """The scene's pixels per side over the network's."""
+        return self.scene.image_pixels / self.network.info.scene.image_pixels
 
     def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
         """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""

@@ -1,5 +1,7 @@
 """``direct`` on other numbers of pixels and samples, other plates and wavelengths than the network's."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,7 @@ from tests.nets.reconstruct.test_told_bench import NEAR, simulated
 from tests.nets.reconstruct.test_told_bench import weights as told_weights
 from warp_caustics.errors import MismatchError
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import regridded
 from warp_caustics.scene import Scene
 
@@ -284,9 +287,13 @@ def test_fibres_run_on_the_users_grid(weights, scene, heights):
 
 
 def test_warnings_count_the_users_pixels(scene, saved):
+    blurred = dataclasses.replace(ChannelCamera.perfect(3, 128), blur=np.full(3, 3.0))
+    assert "blurred by 3.0 px" in blurred.warnings(scene.wavelengths_m)[0]
+    assert blurred.warnings(scene.wavelengths_m, None, 4.0) == []
     path = saved("direct", training={"config": {"camera": {"shift_px": 0.6}}})
     assert create("direct", scene, weights=path)._trained_shift_px == pytest.approx(0.6)
-    assert create("direct", with_(scene, image_pixels=128), weights=path)._trained_shift_px == pytest.approx(1.2)
+    finer = create("direct", with_(scene, image_pixels=128), weights=path)
+    assert finer._trained_shift_px == pytest.approx(1.2) and finer._pixels_of_one == 2
 
 
 def test_the_command_trains_on_the_networks_grid(told_weights):
