@@ -67,6 +67,7 @@ PLACES = (
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
+    Place("docs/any_image.md", "## What it costs", DIRECT, "python -m benchmarks.any_image --force"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),
     Place("docs/compare.md", "## Images of another renderer", OLD, "the command on the page"),
     Place("docs/bench.md", "## Figures", DIRECT, "make bench-lab"),

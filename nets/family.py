@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from data_gen.bench_ranges import BenchRanges, bench_scene, nominal_lamp_rad
 from nets.flat_light import window_of
-from nets.scene_match import SHAPE_FIELDS, differences, train_command
+from nets.scene_match import differences, on_grid_of, train_command
+from nets.seen_scene import SeenScene
 from nets.told import bench_values, light_of, told_parameters
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
@@ -61,7 +62,7 @@ def family_of(scene: Scene, bench: BenchRanges, scene_share: float = 0.0) -> dic
 
 
 def check_family(
-    scene: Scene,
+    seen: SeenScene,
     trained: Scene,
     family: Ranges,
     name: str,
@@ -71,7 +72,7 @@ def check_family(
     """Refuse a scene that a network was not trained for.
 
     Args:
-        scene: what was measured.
+        seen: what was measured, as the network sees it; bounds are said in the user's own lengths.
         trained: that the network is made for.
         family: ranges of its training.
         name: of the network's file, for messages.
@@ -84,16 +85,17 @@ def check_family(
     Raises:
         MismatchError: value and nearest bound, and the command that trains for the scene.
     """
-    other = [text for key, text in differences(scene, trained).items() if key in (*SHAPE_FIELDS, "exit_medium")]
-    problems = other or [*_outside(scene, trained, family)]
+    other = [text for key, text in differences(seen.scene, trained).items() if key == "exit_medium"]
+    problems = other or _outside(seen, trained, family)
     if not problems:
         return ()
-    raise MismatchError(
-        f"{name} is for other benches: {', '.join(problems)}; train one with: {train_command(kind, scene, settings)}"
-    )
+    command = train_command(kind, on_grid_of(seen.user, trained), settings)
+    size = "" if seen.scale == 1.0 else f" for a plate of {1e3 * seen.user.plate_size_m[0]:g} mm"
+    raise MismatchError(f"{name} is for other benches: {', '.join(problems)}{size}; train one with: {command}")
 
 
-def _outside(scene: Scene, trained: Scene, family: Ranges) -> list[str]:
+def _outside(seen: SeenScene, trained: Scene, family: Ranges) -> list[str]:
+    scene = seen.scene
     rows = told_parameters(trained)
     values = {row.name: value for row, value in zip(rows, bench_values(scene), strict=False)}
     values["light"] = math.hypot(*light_of(scene)[0])
@@ -102,15 +104,16 @@ def _outside(scene: Scene, trained: Scene, family: Ranges) -> list[str]:
     for key, (low, high) in family.items():
         value, room = values.get(key, low), ROUNDING * scales.get(key, 1.0)
         if not low - room <= value <= high + room:
-            found.append(_words(key, value, low if value < low else high))
+            # In the user's own lengths.
+            unit = 1 / seen.scale if key.endswith("_m") and key != "divergence_1_m" else 1.0
+            unit = seen.scale if key == "divergence_1_m" else unit
+            found.append(_words(key, unit * value, unit * (low if value < low else high)))
     aside = max(abs(at) / size for at, size in zip(window_of(scene), scene.plate_size_m, strict=True))
     if aside > MOST_ASIDE:
         found.append(
             f"the window lies {aside:.1%} of the plate beside its image here, the nearest that is known is "
             f"{MOST_ASIDE:.0%} (scene.screen_position_m)"
         )
-    if [value > 0 for value in scene.radiosity_W_m2] != [value > 0 for value in trained.radiosity_W_m2]:
-        found.append(f"radiosity_W_m2 is {trained.radiosity_W_m2} there and {scene.radiosity_W_m2} here")
     return found
 
 

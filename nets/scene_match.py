@@ -14,6 +14,7 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
+from nets.seen_scene import SeenScene, in_own_lengths
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -70,7 +71,13 @@ def image_difference(scene: Scene, trained: Scene, device: str = "cpu") -> float
 
 
 def check_scene(
-    scene: Scene, trained: Scene, name: str, kind: str, device: str = "cpu", settings: Mapping[str, str] | None = None
+    scene: Scene,
+    trained: Scene,
+    name: str,
+    kind: str,
+    device: str = "cpu",
+    settings: Mapping[str, str] | None = None,
+    seen: SeenScene | None = None,
 ) -> tuple[str, ...]:
     """Warnings of using a network for a scene; none where both are equal.
 
@@ -81,25 +88,42 @@ def check_scene(
         kind: of network, for the command that trains one.
         device: where to simulate, if need be.
         settings: with which such a network is trained, for messages.
+        seen: the scene as the network sees it, where images and heights are brought to its grid; None where not.
 
     Raises:
         MismatchError: the scenes differ by more than may be; says in what, and the command that trains for it.
     """
-    found = differences(scene, trained)
+    ours = scene if seen is None else seen.scene
+    found = differences(ours, trained)
     if not found:
         return ()
+    shape = {*SHAPE_FIELDS, "radiosity_W_m2"}
+    if seen is not None:
+        # In the user's own lengths and wavelengths.
+        found = differences(in_own_lengths(ours, seen.scale), in_own_lengths(trained, seen.scale))
+        if "wavelengths_m" in found:
+            found["wavelengths_m"] = f"wavelengths_m is {trained.wavelengths_m} there and {scene.wavelengths_m} here"
+        # Which way is up is told by the dispersion, however little of the image it makes.
+        shape = {"wavelengths_m"} if seen.shown < trained.n_wavelengths else set()
     listed = ", ".join(found.values())
-    if found.keys() & {*SHAPE_FIELDS, "radiosity_W_m2"}:
+    if found.keys() & shape:
         why = listed
     else:
-        difference = image_difference(scene, trained, device)
+        difference = image_difference(ours, trained, device)
         if difference <= MAX_IMAGE_DIFFERENCE:
             return (
                 f"{name} was trained for another scene ({listed}); used because images of both differ by "
                 f"{difference:.2%} only, at most {MAX_IMAGE_DIFFERENCE:.0%} is accepted",
             )
         why = f"{listed}; images differ by {difference:.1%}, at most {MAX_IMAGE_DIFFERENCE:.0%} is accepted"
-    raise MismatchError(f"{name} is for another scene: {why}; train one with: {train_command(kind, scene, settings)}")
+    command = train_command(kind, scene if seen is None else on_grid_of(scene, trained), settings)
+    raise MismatchError(f"{name} is for another scene: {why}; train one with: {command}")
+
+
+def on_grid_of(scene: Scene, trained: Scene) -> Scene:
+    """The scene with the pixels and samples of a network: to train for, since images are brought to them."""
+    grid = {key: getattr(trained, key) for key in ("height_samples", "image_pixels")}
+    return scene.model_copy(update=grid)
 
 
 def train_command(kind: str, scene: Scene, settings: Mapping[str, str] | None = None) -> str:

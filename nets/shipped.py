@@ -12,6 +12,8 @@ from torch import nn
 
 from nets.family import check_family
 from nets.scene_match import check_scene, differences, train_command
+from nets.seen_scene import SeenScene, grid_problems, seen_scene
+from nets.unseen import unseen
 from nets.weights import WeightsInfo, load_weights, weights_info
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene
@@ -31,17 +33,20 @@ class FoundNetwork:
         info: what its file says of itself.
         file: name of the file.
         warnings: what the user should know.
+        seen: the scene as the network sees it.
     """
 
     module: nn.Module
     info: WeightsInfo
     file: str
     warnings: tuple[str, ...]
+    seen: SeenScene
 
     @property
     def record(self) -> dict[str, Any]:
-        """Which network it was, for a result's settings."""
-        return {"file": self.file, "kind": self.info.architecture.kind, "content_hash": self.info.content_hash}
+        """Which network it was, for a result's settings; and what was resampled and scaled for it, if anything was."""
+        found = {"file": self.file, "kind": self.info.architecture.kind, "content_hash": self.info.content_hash}
+        return {**found, "sees": self.seen.record} if self.seen.record else found
 
     @property
     def few_steps(self) -> int | None:
@@ -94,7 +99,7 @@ def find_network(
     suits: Callable[[WeightsInfo], bool] | None = None,
     what: str | None = None,
     settings: Mapping[str, str] | None = None,
-    tells: bool = False,
+    any_grid: bool = False,
 ) -> FoundNetwork:
     """The network of a kind for a scene: from a file, or shipped.
 
@@ -106,7 +111,8 @@ def find_network(
         suits: tells whether a shipped network is the one that is meant; None takes the first.
         what: the network in words, for messages.
         settings: with which such a network is trained, for messages.
-        tells: the network will be told of the scene, where it can be: any bench of its family will do.
+        any_grid: images and heights will be brought to the network's grid, and it will be told of the scene where it
+            can be: other pixels, samples, plates and wavelengths will do, and any bench of its family.
 
     Raises:
         InputError: no such file, or none shipped.
@@ -130,11 +136,23 @@ def find_network(
         candidates.sort(key=lambda file: len(differences(scene, infos[file].scene)))
     chosen = candidates[0]
     name = repr(os.fspath(path)) if path is not None else f"shipped network {chosen.name!r}"
-    family = _info(chosen).training.get("family")
-    if tells and isinstance(family, dict):
-        warnings = check_family(scene, _info(chosen).scene, family, name, kind, settings)
+    trained, family = _info(chosen).scene, _info(chosen).training.get("family")
+    if not any_grid:
+        seen = SeenScene(scene, scene, 1.0, tuple(range(scene.n_wavelengths)))
+        warnings = check_scene(scene, trained, name, kind, str(device), settings)
     else:
-        warnings = check_scene(scene, _info(chosen).scene, name, kind, str(device), settings)
+        problems = grid_problems(scene, trained)
+        if problems:
+            raise MismatchError(
+                f"{name} is for other images: {', '.join(problems)}; train one with: "
+                f"{train_command(kind, scene, settings)}"
+            )
+        seen = seen_scene(scene, trained)
+        if isinstance(family, dict):
+            warnings = check_family(seen, trained, family, name, kind, settings)
+        else:
+            warnings = check_scene(scene, trained, name, kind, str(device), settings, seen)
+        warnings += unseen(seen, _info(chosen))
     few = few_steps(_info(chosen))
     if few is not None:
         warnings += (
@@ -142,7 +160,7 @@ def find_network(
             "and no uncertainty is calibrated for them",
         )
     loaded = load_weights(chosen, map_location=device)
-    return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, chosen.name, warnings)
+    return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, chosen.name, warnings, seen)
 
 
 def _info(path: Path) -> WeightsInfo:

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 import torch
 from pydantic import Field
 
-from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_image, network_result
+from nets.reconstruct.network_grid import NetworkGrid
+from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
@@ -16,6 +17,7 @@ from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Recon
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
+from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
@@ -36,7 +38,9 @@ class DirectOptions(RefinementOptions):
 class Direct(Reconstructor):
     """Network, symmetries, refinement.
 
-    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`).
+    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`). Images
+    come to the network's grid and heights back to the scene's (:mod:`nets.reconstruct.network_grid`), where they are
+    refined.
 
     Args:
         scene: the set-up of the measurement.
@@ -51,18 +55,19 @@ class Direct(Reconstructor):
     name = "direct"
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
-        self.scene, self.options, self.device = scene, options or DirectOptions(), usable_device(device)
+        self.options, self.device = options or DirectOptions(), usable_device(device)
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, tells=True)
-        trained = self.network.info.scene
+        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
+        self.grid, seen = NetworkGrid(self.network, self.device), self.network.seen.scene
+        self.scene = scene = self.network.seen.working
         is_told = bool(getattr(self.network.module, "is_told", False))
-        self.bench = ToldBench(scene, trained, self.device) if is_told else None
+        self.bench = ToldBench(seen, self.network.info.scene, self.device) if is_told else None
         self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.refinement = Refinement(scene, self.options, self.device)
+        self.refinement = Refinement(scene, self.options, self.device, self.network.seen.scale)
 
     def reconstruct(
         self,
@@ -77,10 +82,16 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
+        return self.grid.result(self.found(image, initial, progress))
+
+    def found(
+        self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
+    ) -> Reconstruction:
+        """The same with as many samples as it was found with, which may be more than the user's."""
         image = check_image(image, self.scene)
         warnings = list(self.network.warnings)
         if initial is not None:
-            check_initial(initial, self.scene)
+            check_initial(initial, self.network.seen.user)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
         resimulation = Resimulation(self.simulator, image)
@@ -101,7 +112,8 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
-            warnings += resimulation.camera.warnings(self.scene.wavelengths_m, self._trained_shift_px)
+            known_px = self._trained_shift_px, TRAINED_BLUR_PX * self._pixels_of_one
+            warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
         history = log.history
         if self.options.refine and not interrupted:
             found = self.refinement(
@@ -148,17 +160,22 @@ class Direct(Reconstructor):
 
     @property
     def _trained_shift_px(self) -> float | None:
-        """How far apart channels were in training [px]; None where the weights do not tell."""
+        """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
         camera = self.network.training.get("camera")
         shift = camera.get("shift_px") if isinstance(camera, dict) else None
-        return None if shift is None else float(shift)
+        return None if shift is None else float(shift) * self._pixels_of_one
+
+    @property
+    def _pixels_of_one(self) -> float:
+        """The scene's pixels per side over the network's."""
+        return self.scene.image_pixels / self.network.info.scene.image_pixels
 
     def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
         """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""
-        seen = network_image(image, self.scene, self.network.info.scene, self.device)
+        seen, noise = self.grid.picture(image), self.grid.noise(image)
         if self.bench is not None:
             seen = self.bench.picture(seen)
-        symmetries = all_symmetries(self.scene if self.bench is None else self.bench.trained)
+        symmetries = all_symmetries(self.network.seen.scene if self.bench is None else self.bench.trained)
         if not self.options.symmetries:
             symmetries = symmetries[:, :1]
         n = self.scene.height_samples
@@ -167,11 +184,11 @@ class Direct(Reconstructor):
         log.total = -(-symmetries.shape[1] // batch)
         try:
             for part in symmetries.split(batch, dim=1):
-                told = [] if self.bench is None else [self.bench.told(image, part)]
+                told = [] if self.bench is None else [self.bench.told(noise, part)]
                 heights = self.replayed(seen_in(seen, part), *told)
                 if self.bench is not None:
                     heights = heights * self.bench.height_scale
-                answers = torch.cat([answers, turned_back(heights, part)])
+                answers = torch.cat([answers, self.grid.heights(turned_back(heights, part))])
                 log.note("network", None, symmetries=len(answers))
         except KeyboardInterrupt as stop:
             return answers, why_stopped(stop)

@@ -97,13 +97,16 @@ class Refinement:
         scene: of the measurement.
         options: how long.
         device: where to simulate.
+        scale: of the plate that the lengths above were chosen for over the scene's: refraction knows no length, and a
+            scaled plate is refined as the other was. A step that the user gave is his own.
     """
 
-    def __init__(self, scene: Scene, options: RefinementOptions, device: torch.device):
-        self.scene, self.options, self.device = scene, options.on(device.type), device
+    def __init__(self, scene: Scene, options: RefinementOptions, device: torch.device, scale: float = 1.0):
+        self.scene, self.options, self.device, self.scale = scene, options.on(device.type), device, scale
         self.pixels = options.pixels_on(device.type, scene)
         level_sizes(scene.image_pixels, self.pixels, self.pixels)  # refuses a size that does not divide
-        wished = RefineOptions(max_iterations=self.options.refine_iterations, step_m=options.refine_step_m)
+        step = options.refine_step_m / (1.0 if "refine_step_m" in options.model_fields_set else scale)
+        wished = RefineOptions(max_iterations=self.options.refine_iterations, step_m=step)
         self.refine = wished.resolved("height", False, scene, device.type)
 
     @cached_property
@@ -149,7 +152,7 @@ class Refinement:
             reason = why_stopped(stop)
         found = self._descent.best_heights()
         if spread is not None:
-            trusted = TRUSTED_M if camera.is_perfect else TRUSTED_BESIDE_CAMERA_M
+            trusted = (TRUSTED_M if camera.is_perfect else TRUSTED_BESIDE_CAMERA_M) / self.scale
             found = heights + (found - heights) * spread**2 / (spread**2 + trusted**2)
         least_gain = 0.0 if camera.is_perfect else LEAST_GAIN_BESIDE_CAMERA
         is_better = resimulation(found).residual < (1 - least_gain) * before

@@ -5,7 +5,6 @@ import torch
 from nets.flat_light import FlatLight, rectified
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR
 from nets.told import ToldTable, bench_values, dropped, told_of, turned
-from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
 
@@ -13,7 +12,7 @@ class ToldBench:
     """The user's bench for a network that is told of it.
 
     Args:
-        scene: the user's.
+        scene: the user's, as the network sees it: on its grid, its plate and its wavelengths.
         trained: that the network is made for.
         device: of the network.
 
@@ -46,20 +45,15 @@ class ToldBench:
             image = image / torch.where(is_off, ratio, 1.0)[:, None, None]
         return rectified(image, self.scene)
 
-    def told(self, image: CausticImage, symmetries: torch.Tensor) -> torch.Tensor:
+    def told(self, noise: float | None, symmetries: torch.Tensor) -> torch.Tensor:
         """What goes into the network with the picture in these symmetries, shape [B, 2 P].
 
-        The scene is told as it is; noise where the image brings its level, blur never.
+        The scene is told as it is; noise where it is known, blur never.
 
         Args:
-            image: what was measured.
+            noise: of the picture, relative, where it is as bright as behind a flat plate; None where it is not known.
             symmetries: shape [3, B].
         """
-        noise = None
-        if image.noise_std is not None:
-            shines = [k for k, level in enumerate(self.scene.radiosity_W_m2) if level > 0]
-            relative = [float(image.noise_std[k]) / self.scene.radiosity_W_m2[k] for k in shines]
-            noise = sum(relative) / len(relative)
         values, known = told_of(self.scene, self.table, noise=noise)
         count = symmetries.shape[1]
         values = turned(values.expand(count, -1), symmetries.to(self.device), self.table)

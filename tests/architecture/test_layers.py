@@ -58,13 +58,13 @@ LAYERS = {
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
-        " told flat_light",
+        " told flat_light seen_scene",
         "unet backbone",
         "denoiser updater direct_net unrolled_net",
         "architecture",
         "receptive weights",
         "scene_match denoised",
-        "family",
+        "family unseen",
         "shipped",
         "training reconstruct",
         "inspection search evaluation",

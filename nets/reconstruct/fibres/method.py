@@ -66,12 +66,13 @@ class Fibres(Reconstructor):
     name = "fibres"
 
     def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
-        self.scene, self.options = scene, options or FibresOptions()
+        self.options = options or FibresOptions()
         plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
         self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
         self.device = self.network.device
+        self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
-        self.refinement = Refinement(scene, plain, self.device)
+        self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.model = LineModel(scene, self.options.profile, self.device)
 
     def reconstruct(
@@ -87,11 +88,11 @@ class Fibres(Reconstructor):
         best so far.
         """
         started = time.perf_counter()
-        answer = self.network.reconstruct(image, initial=initial, progress=progress)
+        answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
-            return dataclasses.replace(answer, method=self.name)
+            return self.network.grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
-        return run.result()
+        return self.network.grid.result(run.result())
 
 
 class _Run:

@@ -72,7 +72,7 @@ def test_options(shipped, saved, scene, image):
         create("auto", scene, max_iteration=2)
     # An option of refine alone is a wish for refine.
     assert create("auto", scene, total_variation=0.1).choose(image).plan == "transport+refine"
-    path = saved("direct", scene=Scene(height_samples=16, image_pixels=128))
+    path = saved("direct", scene=Scene(height_samples=16, image_pixels=64, base_thickness_m=5e-3))
     with pytest.raises(MismatchError, match="another scene"):
         create("auto", scene, weights=path).reconstruct(image)
 

@@ -205,9 +205,10 @@ def test_another_scene_is_refused_with_the_command(saved, image):
         create("direct", other, weights=path)
     assert "nsfc train direct --fresh" in str(caught.value) and "scene.base_thickness_m=0.005" in str(caught.value)
     with pytest.raises(MismatchError, match="image_pixels is 64 there and 128 here"):
-        create("direct", Scene(height_samples=16, image_pixels=128), weights=path)
+        create("nsfc-unrolled", Scene(height_samples=16, image_pixels=128), weights=saved("unrolled"))
     with pytest.raises(MismatchError, match="radiosity"):
-        create("direct", Scene(height_samples=16, image_pixels=64, radiosity_W_m2=(1, 1, 0)), weights=path)
+        dark = Scene(height_samples=16, image_pixels=64, radiosity_W_m2=(1, 1, 0))
+        create("nsfc-unrolled", dark, weights=saved("unrolled"))
 
 
 def test_a_scene_that_hardly_differs_is_used_with_a_warning(saved, image):

@@ -7,9 +7,12 @@ import torch
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from nets.reconstruct.methods import create
+from nets.seen_scene import scaled
 from nets.shipped import shipped_weights
 from nets.weights import load_weights
+from warp_caustics.errors import MismatchError
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.resampling import regridded
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -45,6 +48,23 @@ def test_direct_recovers_a_printed_field(printed):
     assert result.uncertainty_m is not None
     within = (error <= result.uncertainty_m).mean(), (error <= 2 * result.uncertainty_m).mean()
     assert 0.35 < within[0] < 0.95 and within[1] > 0.6  # of one field; over eighteen it was calibrated
+
+
+@pytest.mark.parametrize(
+    ("size", "pixels", "samples", "limit"), [(0.6, 512, 128, 6e-5), (1.0, 256, 64, 9e-5), (1.6, 171, 48, 0.0)]
+)
+def test_direct_serves_other_grids_and_plates(printed, size, pixels, samples, limit):
+    """The same field as means over other pixels and cells, all lengths scaled: right to as much as the pixels tell."""
+    scene, image, truth = printed
+    user = scaled(scene, size).model_copy(update={"image_pixels": pixels, "height_samples": samples})
+    seen = CausticImage(regridded(torch.tensor(image.irradiance), pixels).numpy())
+    if not limit:
+        with pytest.raises(MismatchError, match="image_pixels is 171 here, the nearest that it serves is 256"):
+            create("direct", user)
+        return
+    result = create("direct", user, refine=False, symmetries=False).reconstruct(seen)
+    error = result.heights_m - size * regridded(torch.tensor(truth), samples).numpy()
+    assert np.sqrt((error**2).mean()) < size * limit
 
 
 @pytest.mark.parametrize(

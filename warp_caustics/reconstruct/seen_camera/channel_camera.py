@@ -86,12 +86,18 @@ class ChannelCamera:
             "ambient": self.ambient.tolist(),
         }
 
-    def warnings(self, wavelengths_m: Sequence[float], trained_px: float | None = None) -> list[str]:
+    def warnings(
+        self,
+        wavelengths_m: Sequence[float],
+        trained_px: float | None = None,
+        trained_blur_px: float = TRAINED_BLUR_PX,
+    ) -> list[str]:
         """What the user should know, a line each.
 
         Args:
             wavelengths_m: of the channels [m], by which they are named.
-            trained_px: displacement that the network has seen [px]; None if that is not known.
+            trained_px: displacement that the network has seen [px of this image]; None if that is not known.
+            trained_blur_px: blur that it has seen [px of this image].
         """
         names = [f"{1e9 * wavelength:g} nm" for wavelength in wavelengths_m]
         told, apart = [], self.apart_px
@@ -105,10 +111,10 @@ class ChannelCamera:
                 is_beyond = apart[worst] > trained_px
                 told[-1] += f", direct was trained for {'no more than' if is_beyond else 'up to'} {trained_px:g} px"
                 told[-1] += "; correct it in the raw converter" if is_beyond else ""
-        if self.blur[blurred] > TRAINED_BLUR_PX:
+        if self.blur[blurred] > trained_blur_px:
             told.append(
                 f"the image of {names[blurred]} is blurred by {self.blur[blurred]:.1f} px (standard deviation), "
-                f"networks know up to {TRAINED_BLUR_PX:g} px; focus, or bin the image"
+                f"networks know up to {trained_blur_px:g} px; focus, or bin the image"
             )
         return told
 
