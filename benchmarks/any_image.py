@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import torch
 
-import nets.shipped
+import nets.fitting_network
 from data_gen.config import ReliefConfig
 from data_gen.dataset_config import DatasetConfig, sample_generator
 from data_gen.samples import Reliefs
@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file of figures, read and continued")
     arguments = parser.parse_args()
     if arguments.force:
-        nets.shipped.check_scene = lambda *_: ()  # type: ignore[assignment]
+        setattr(nets.fitting_network, "check_scene", lambda *_: ())  # noqa: B010
     options = {} if arguments.weights is None else {"weights": arguments.weights}
     known = json.loads(arguments.json.read_text()) if arguments.json and arguments.json.exists() else {}
     for case in arguments.cases.split(","):

@@ -76,13 +76,9 @@ def train(
     --max-time or --max-steps of the first command is the length of the run. Ctrl-C ends with a checkpoint.
     """
     _check_usage(data, fresh, resume, force, devices, preset, config_source)
-    if from_shipped:
-        if initial_weights is not None or resume:
-            other = "--resume" if resume else "--initial-weights"
-            raise click.UsageError(f"--from-shipped does not go with {other}; leave one of them out")
-        from nets.shipped import shipped_start
-
-        initial_weights = shipped_start(kind)
+    if from_shipped and (initial_weights is not None or resume):
+        other = "--resume" if resume else "--initial-weights"
+        raise click.UsageError(f"--from-shipped does not go with {other}; leave one of them out")
     from cli.train_config import new_run, resumed_run
 
     console = Console(as_json)
@@ -106,6 +102,10 @@ def train(
             raise InputError(f"run {output!r} trains a {config.kind}; give that instead of {kind!r}")
     else:
         config = new_run(kind, preset, config_source, settings, overrides)  # type: ignore[arg-type]
+        if from_shipped:
+            from nets.shipped import shipped_start
+
+            config = config.model_copy(update={"initial_weights": shipped_start(config.network)})
     from cli.run_folder import run_folder
 
     where = _start(device, devices)

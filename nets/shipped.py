@@ -10,10 +10,10 @@ from typing import Any
 import torch
 from torch import nn
 
-from nets.family import check_family
-from nets.scene_match import check_scene, differences, train_command
-from nets.seen_scene import SeenScene, grid_problems, seen_scene
-from nets.unseen import unseen
+from nets.architecture import Architecture
+from nets.fitting_network import Fitting
+from nets.scene_match import train_command
+from nets.seen_scene import SeenScene
 from nets.weights import WeightsInfo, load_weights, weights_info
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.scene import Scene
@@ -71,16 +71,21 @@ def shipped_weights() -> list[Path]:
     return sorted(FOLDER.glob("*.safetensors"))
 
 
-def shipped_start(kind: str) -> str:
-    """File of the shipped weights that a training of this kind may start from.
+def shipped_start(architecture: Architecture) -> str:
+    """File of the shipped weights that a network may start from: one that is told of its bench from one that is, too.
 
     Raises:
         InputError: none ships.
     """
-    path = FOLDER / f"{kind}.safetensors"
-    if not path.is_file():
+    kind = architecture.kind
+    infos = {file: _info(file) for file in shipped_weights()}
+    files = [file for file, info in infos.items() if info.architecture.kind == kind]
+    for file in files:
+        if infos[file].architecture == architecture:
+            return str(file)
+    if not files:
         raise InputError(f"no {kind} network comes with this software; give its weights as --initial-weights FILE")
-    return str(path)
+    return str(next((file for file in files if "family" not in infos[file].training), files[0]))
 
 
 def shipped_steps(kind: str) -> int | None:
@@ -106,7 +111,7 @@ def find_network(
     Args:
         kind: denoiser, updater, direct or unrolled.
         scene: what it shall be used for.
-        path: file; None searches those that are shipped, where an equal scene wins.
+        path: file; None searches those that are shipped, where the fewest warnings win.
         device: where the network shall be.
         suits: tells whether a shipped network is the one that is meant; None takes the first.
         what: the network in words, for messages.
@@ -120,47 +125,29 @@ def find_network(
         DamagedDataError: a file is not what was written.
     """
     what = what or f"{kind} network"
+    fitting = Fitting(kind, scene, str(device), settings, any_grid=any_grid)
     if path is not None:
         info = _info(Path(path))
         if info.architecture.kind != kind:
             raise MismatchError(f"{path!r} holds a {info.architecture.kind} network, not a {kind}; give one")
-        candidates = [Path(path)]
+        fit = fitting.fit(Path(path), info, repr(os.fspath(path)))
     else:
         infos = {file: _info(file) for file in shipped_weights()}
-        candidates = [f for f, i in infos.items() if i.architecture.kind == kind and (suits is None or suits(i))]
-        if not candidates:
+        infos = {f: i for f, i in infos.items() if i.architecture.kind == kind and (suits is None or suits(i))}
+        if not infos:
             raise InputError(
                 f"no {what} comes with this software; train one with: {train_command(kind, scene, settings)}, "
                 "and name its weights.safetensors as --set reconstruction.options.weights=FILE"
             )
-        candidates.sort(key=lambda file: len(differences(scene, infos[file].scene)))
-    chosen = candidates[0]
-    name = repr(os.fspath(path)) if path is not None else f"shipped network {chosen.name!r}"
-    trained, family = _info(chosen).scene, _info(chosen).training.get("family")
-    if not any_grid:
-        seen = SeenScene(scene, scene, 1.0, tuple(range(scene.n_wavelengths)))
-        warnings = check_scene(scene, trained, name, kind, str(device), settings)
-    else:
-        problems = grid_problems(scene, trained)
-        if problems:
-            raise MismatchError(
-                f"{name} is for other images: {', '.join(problems)}; train one with: "
-                f"{train_command(kind, scene, settings)}"
-            )
-        seen = seen_scene(scene, trained)
-        if isinstance(family, dict):
-            warnings = check_family(seen, trained, family, name, kind, settings)
-        else:
-            warnings = check_scene(scene, trained, name, kind, str(device), settings, seen)
-        warnings += unseen(seen, _info(chosen))
-    few = few_steps(_info(chosen))
+        fit = fitting.best(infos)
+    warnings, few = fit.warnings, few_steps(_info(fit.file))
     if few is not None:
         warnings += (
-            f"{kind} network {name} was trained for {few} steps, fewer than {FEWEST_STEPS}: its answers are a guess, "
-            "and no uncertainty is calibrated for them",
+            f"{kind} network {fit.name} was trained for {few} steps, fewer than {FEWEST_STEPS}: its answers are a "
+            "guess, and no uncertainty is calibrated for them",
         )
-    loaded = load_weights(chosen, map_location=device)
-    return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, chosen.name, warnings, seen)
+    loaded = load_weights(fit.file, map_location=device)
+    return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, fit.file.name, warnings, fit.seen)
 
 
 def _info(path: Path) -> WeightsInfo:

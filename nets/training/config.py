@@ -248,7 +248,6 @@ class RunConfig(Strict):
     def _check_benches(self) -> None:
         """Benches and a network that is told of them go together."""
         bench, count = self.training.bench, told_count(self.scene.n_wavelengths)
-        self._check_pictures()
         conditions = self.network.backbone.conditions if self.network.kind == "direct" else 0
         if bench is None:
             if self.training.scene_share:

@@ -58,13 +58,14 @@ LAYERS = {
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
-        " told flat_light seen_scene",
+        " told flat_light seen_scene rounded_weights",
         "unet backbone",
         "denoiser updater direct_net unrolled_net",
         "architecture",
         "receptive weights",
         "scene_match denoised",
         "family unseen",
+        "fitting_network",
         "shipped",
         "training reconstruct",
         "inspection search evaluation",

@@ -91,7 +91,7 @@ def test_an_earlier_run_is_not_overwritten(tmp_path, capsys):
         (["direct", "--resume"], 3, "holds no config.resolved.yaml"),
         (["unrolled", "--fresh", "--from-shipped"], 3, "no unrolled network comes with this software"),
         (["direct", "--from-shipped", "--resume"], 2, "--from-shipped does not go with --resume"),
-        (["direct", "--fresh", "--config", "family", "--set", "training.bench=null"], 3, "training.scene_share is 0.2"),
+        (["direct", "--fresh", "--config", "family", "--set", "training.bench=null"], 3, "training.scene_share is 0.3"),
         (["direct", "--resume", "--fresh"], 2, "--fresh does not go with --resume"),
         (["updater", "missing"], 3, "missing"),
         (["direct", "--fresh", "--initial-weights", "none.safetensors"], 3, "does not exist"),
@@ -122,7 +122,7 @@ def test_the_family_of_benches_trains(tmp_path, capsys):
     values = dict(zip(row[0].split(","), row[-1].split(","), strict=True))
     assert float(values["val_rmse_um"]) > 0 and float(values["val_unknown_rmse_um"]) > 0
     resolved = yaml.safe_load((run / "config.resolved.yaml").read_text())
-    assert len(resolved["training"]["bench"]["prints"]) == 4 and resolved["network"]["backbone"]["conditions"] == 11
+    assert len(resolved["training"]["bench"]["prints"]) == 9 and resolved["network"]["backbone"]["conditions"] == 11
 
 
 def test_shipped_weights_are_a_start(tmp_path, capsys):

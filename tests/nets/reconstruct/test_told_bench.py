@@ -14,7 +14,7 @@ from nets.reconstruct.methods import create
 from nets.reconstruct.told_bench import ToldBench
 from nets.residual_config import BackboneConfig, DirectConfig
 from nets.seen_scene import seen_scene
-from nets.shipped import shipped_start
+from nets.shipped import FOLDER
 from nets.symmetries import all_symmetries, transformed
 from nets.weights import load_weights, save_weights
 from warp_caustics.errors import MismatchError
@@ -125,7 +125,7 @@ def test_noise_is_told_where_the_image_brings_it(scene):
 
 
 def test_the_shipped_network_told_its_scene_answers_as_it_did(tmp_path):
-    loaded = load_weights(shipped_start("direct"))
+    loaded = load_weights(FOLDER / "direct.safetensors")
     scene, plain = loaded.info.scene, loaded.info.architecture
     config = plain.model_copy(update={"backbone": plain.backbone.model_copy(update={"conditions": 11})})
     network = build(config, scene)
