@@ -57,12 +57,16 @@ class SeenScene:
 
     @property
     def working(self) -> Scene:
-        """The user's scene where heights are found and refined: no fewer samples than the network answers with.
+        """The user's scene with as many samples as heights are found and refined with.
 
-        A plate is finer than few samples say. A relief of 64 that is bent until it explains the image of one of 128 is
-        worse than its start (two plates: from 27 um to 89 um); means over cells are taken at the end.
+        No fewer than the network answers with: a plate is finer than few samples say, and a relief of 64 that is bent
+        until it explains the image of one of 128 is worse than its start (two plates: from 27 um to 89 um). More only
+        where there are as many pixels for each as the network has: what pixels do not tell is bent, too (a relief of
+        256 under 512 pixels: from 28 um to 33 um, one of 128 from 26 to 19). The user's are made of these at the end.
         """
-        samples = max(self.user.height_samples, self.scene.height_samples)
+        ratio = self.scene.image_pixels / self.scene.height_samples
+        told = min(self.user.height_samples, int(self.user.image_pixels / ratio))
+        samples = max(told, self.scene.height_samples)
         if samples == self.user.height_samples:
             return self.user
         return self.user.model_copy(update={"height_samples": samples})

@@ -87,7 +87,7 @@ class Direct(Reconstructor):
     def found(
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
     ) -> Reconstruction:
-        """The same with as many samples as it was found with, which may be more than the user's."""
+        """The same with as many samples as it was found with, which may be others than the user's."""
         image = check_image(image, self.scene)
         warnings = list(self.network.warnings)
         if initial is not None:

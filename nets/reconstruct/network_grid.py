@@ -70,15 +70,15 @@ class NetworkGrid:
     def result(self, found: Reconstruction) -> Reconstruction:
         """What was found on the working grid with its heights and their uncertainty on the user's.
 
-        Means over cells; errors of neighbours are alike, so that a mean is about as uncertain as they are. Image,
-        residual and trust are those of the relief that was found.
+        Means over cells, or splines; errors of neighbours are alike, so that a mean is about as uncertain as they are.
+        Image, residual and trust are those of the relief that was found.
         """
         samples = self.seen.user.height_samples
         if samples == self.seen.working.height_samples:
             return found
 
-        def mean(values: FloatArray) -> FloatArray:
+        def changed(values: FloatArray) -> FloatArray:
             return np.asarray(regridded(torch.as_tensor(values), samples).numpy())
 
-        uncertainty = None if found.uncertainty_m is None else mean(found.uncertainty_m).clip(min=0.0)
-        return dataclasses.replace(found, heights_m=mean(found.heights_m), uncertainty_m=uncertainty)
+        uncertainty = None if found.uncertainty_m is None else changed(found.uncertainty_m).clip(min=0.0)
+        return dataclasses.replace(found, heights_m=changed(found.heights_m), uncertainty_m=uncertainty)

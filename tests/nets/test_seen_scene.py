@@ -54,6 +54,9 @@ def test_what_is_seen_is_the_bench_scaled():
         "channels": [0, 1, 2],
         "refined_samples": 20,
     }
+    many = TRAINED.model_copy(update={"height_samples": 32})
+    assert seen_scene(many, TRAINED).working.height_samples == 16  # two pixels for each tell no more
+    assert seen_scene(many.model_copy(update={"image_pixels": 128}), TRAINED).working.height_samples == 32
     few = seen_scene(TRAINED.model_copy(update={"height_samples": 8}), TRAINED)
     assert few.record["refined_samples"] == few.working.height_samples == 16 and few.user.height_samples == 8
 

@@ -90,8 +90,8 @@ class Reconstruction:
         heights_m: recovered relief above the base [m], shape [n, n].
         image: caustic of the recovered relief [W/m^2], shape [n_w, m, m]; at the exposure of the measured one where
             the method found that (``counters["exposure"]``). Never blurred, its channels never apart. Where a network
-            refined more samples than the scene has (``settings["network"]["sees"]``), it is that of the finer relief
-            of which ``heights_m`` are means; so are residual and trust.
+            refined another number of samples than the scene has (``settings["network"]["sees"]``), it is that of the
+            relief of which ``heights_m`` are means or splines; so are residual and trust.
         residual: relative image residual ||image - measured|| / ||measured||, each wavelength in units of its light.
             Where the method found a camera (``counters["camera"]``), the image is blurred as the measured one is, and
             the measured channels are moved together.

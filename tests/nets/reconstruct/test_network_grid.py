@@ -137,6 +137,17 @@ def test_few_samples_are_means_of_the_relief_that_was_refined(weights, scene, he
     assert start.heights_m.shape == (8, 8)
 
 
+def test_more_samples_than_pixels_tell_are_splines_of_fewer(weights, scene, heights):
+    image, user = simulated(scene, heights), with_(scene, height_samples=32)
+    options = {"refine": True, "refine_iterations": 12, "symmetries": False}
+    own, found = answer(scene, image, weights, **options), answer(user, image, weights, **options)
+    assert own.counters["refinement"] == "kept" and found.residual == own.residual
+    expected = regridded(torch.tensor(own.heights_m), 32).numpy()
+    np.testing.assert_allclose(found.heights_m, expected, atol=1e-12)
+    finer = with_(user, image_pixels=128)
+    assert create("direct", finer, weights=weights).refinement.scene.height_samples == 32
+
+
 def test_a_told_bench_scales_with_its_plate(told_weights, scene, heights):
     bench = bench_scene(scene, **NEAR)
     user = scaled(bench, 0.6)
