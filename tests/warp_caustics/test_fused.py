@@ -105,7 +105,11 @@ PACKED_SCENES = {
 
 @pytest.mark.parametrize(
     ("case", "profile"),
-    [(case, profile) for case in ("three channels", "all in blocks", "some in blocks") for profile in ("spline", "gaussian")]
+    [
+        (case, profile)
+        for case in ("three channels", "all in blocks", "some in blocks")
+        for profile in ("spline", "gaussian")
+    ]
     # The oracle has all effects with splines, below. Neither profile knows how many channels there are.
     + [("all effects", "gaussian"), ("two channels, one dark", "gaussian"), ("four channels, one dark", "spline")],
 )
