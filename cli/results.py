@@ -147,6 +147,12 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
     return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
 
 
+def _at_all(result: "Reconstruction") -> str:
+    """Where the residual is of other pixels than the share that the line above tells."""
+    is_judged_elsewhere = result.trust is not None and result.trust.pixels is not None
+    return f" at all {result.image.shape[-1]} pixels" if is_judged_elsewhere else ""
+
+
 def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:
     """A few lines for people."""
     files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
@@ -158,7 +164,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         f"result     {output}: {', '.join(files)}",
         f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
         f"stopped by {result.stop_reason.replace('_', ' ')}",
-        f"residual   {result.residual:.4g} of the image",
+        f"residual   {result.residual:.4g} of the image{_at_all(result)}",
         f"heights    {low:.4g} to {high:.4g} mm",
     ]
     if result.fibres_m is not None:

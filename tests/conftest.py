@@ -1,5 +1,6 @@
 """Fixtures that several test packages share."""
 
+import gc
 import os
 
 import pytest
@@ -13,6 +14,12 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 def pytest_addoption(parser):
     parser.addoption("--device", default="cpu", help="device for tests that run on any: cpu, cuda, cuda:1")
+
+
+def pytest_collection_finish():
+    """Modules and tests stay to the end: collections of garbage need not look through them again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -46,7 +46,11 @@ RUN = [
         "needs a photo of a screen; tests/warp_caustics/capture makes some",
     ),
     (r"nsfc (reconstruct|capture) examples/", None, "files of the checkout; tests/test_lab.py runs them"),
-    (r"nsfc reconstruct .*--method (sfc|refine|transport)", {r"max_iterations=\d+": "max_iterations=2"}, SMALL),
+    (
+        r"nsfc reconstruct .*--set reconstruction.options.max_iterations",
+        {r"max_iterations=\d+": "max_iterations=2"},
+        SMALL,
+    ),
     (r"nsfc reconstruct ", {}, ("--max-iterations", "2", *SMALL)),
     (r"nsfc .*[$*]", None, "files of the reader's own"),
     (r"nsfc design ", {}, ("--max-iterations", "2", *SMALL)),

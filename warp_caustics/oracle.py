@@ -68,9 +68,12 @@ def spline_coefficients(heights: torch.Tensor) -> torch.Tensor:
 
 
 def spline_basis(u: torch.Tensor) -> torch.Tensor:
-    """Centred cubic B-spline, sum_k (-1)^k binom(4, k) (u + 2 - k)_+^3 / 6."""
-    terms = ((-1) ** k * math.comb(4, k) * torch.relu(u + 2 - k) ** 3 / 6 for k in range(5))
-    return sum(terms, torch.zeros_like(u))
+    """Centred cubic B-spline, sum_k (-1)^k binom(4, k) (u + 2 - k)_+^3 / 6, of u of shape [n]."""
+    signs = torch.tensor([(-1) ** k * math.comb(4, k) / 6 for k in range(5)], dtype=torch.float64)  # [5]
+    beyond = u + 2 - torch.arange(5, dtype=torch.float64)[:, None]  # [5, n]
+    # One clamp for all five: under nested forward differentiation each operation costs milliseconds.
+    basis: torch.Tensor = signs @ torch.clamp(beyond, min=0) ** 3
+    return basis
 
 
 def surface_height(point: torch.Tensor, coefficients: torch.Tensor, scene: Scene) -> torch.Tensor:

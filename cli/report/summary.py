@@ -49,7 +49,8 @@ def headline(content: "ReportContent", record: Mapping[str, Any]) -> str:
     if (seconds := _seconds(record)) is not None:
         parts[0] += f" in {number(seconds)} s"
     if record.get("residual") is not None:
-        parts.append(f"its caustic differs from the image by {number(_percent(record['residual']))} %")
+        at = f", at all {content.scene.image_pixels} pixels" if _judged_pixels(record) else ""
+        parts.append(f"its caustic differs from the image by {number(_percent(record['residual']))} %{at}")
     if mapping(record.get("errors")).get("rmse_um") is not None:
         parts.append(f"RMSE against the reference {number(record['errors']['rmse_um'])} um")
     return "; ".join(parts) + "."
@@ -67,6 +68,12 @@ def no_uncertainty(record: Mapping[str, Any]) -> str:
     return f"Standard uncertainty: none, because {why}." if why else ""
 
 
+def _judged_pixels(record: Mapping[str, Any]) -> int | None:
+    """Pixels per side at which the line of trust judges; None for all of them."""
+    pixels = mapping(record.get("trust")).get("pixels")
+    return pixels if isinstance(pixels, int) else None
+
+
 def key_figures(content: "ReportContent", record: Mapping[str, Any]) -> list[KeyFigure]:
     """The numbers at the top of the page."""
     figures = _inspection_figures(content) if content.inspection else []
@@ -76,6 +83,8 @@ def key_figures(content: "ReportContent", record: Mapping[str, Any]) -> list[Key
         figures.append(KeyFigure("Printed volume", number(volume_mm3(content)), "mm\u00b3", "above the plate's base"))
     if record.get("residual") is not None:
         note = "of the light, between image and re-simulation"
+        if pixels := _judged_pixels(record):
+            note += f", at all {content.scene.image_pixels} pixels; the line above judges at {pixels}"
         figures.append(KeyFigure("Image residual", number(_percent(record["residual"])), "%", note))
     errors = mapping(record.get("errors"))
     if errors.get("rmse_um") is not None:

@@ -98,8 +98,8 @@ def test_list(capsys):
     assert list(found["rows"]) == ["careful", "ordinary", "poor", "another"] and len(found["cases"]) == 20
 
 
-def test_run_scores_pictures_and_goes_on(lab, tmp_path, capsys):
-    out = tmp_path / "out"
+def test_run_scores_pictures_and_goes_on(lab, images, capsys):
+    out = images
     lab.stops_at = 2
     assert run(out) == 130
     assert "interrupted; 1 cells were computed and are kept" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 
 from cli.main import main
 from data_gen.store import CausticDataset
-from data_gen.testset import field_heights, field_images
+from data_gen.testset import field_heights
 from nets import build
 from nets.weights import save_weights
 from warp_caustics.io.heights import read_heights
@@ -186,22 +186,17 @@ def test_updater_images_can_be_denoised(tmp_path, capsys):
     assert "image_pixels" in capsys.readouterr().err
 
 
-def test_testset_writes_heights_and_images(tmp_path, capsys, monkeypatch):
-    from data_gen.dataset_config import PhotonConfig
-
-    monkeypatch.setattr("data_gen.testset.field_images.__kwdefaults__", {
-        **field_images.__kwdefaults__, "photons": PhotonConfig(n_photons=4000, placement="stratified"),
-    })  # fmt: skip
-    assert main(["data", "testset", str(tmp_path / "t"), "--fields", "2", "--device", "cpu", *SMALL[:4]]) == 0
+def test_testset_writes_heights_and_images(tmp_path, capsys):
+    few = [*SMALL[:4], "--device", "cpu", "--set", "data.clean.n_photons=4000"]
+    assert main(["data", "testset", str(tmp_path / "t"), "--fields", "2", *few]) == 0
     assert "field_1" in capsys.readouterr().out
     np.testing.assert_allclose(read_heights(tmp_path / "t" / "field_1_heights.npy"), field_heights(SCENE)[1])
     assert read_image(tmp_path / "t" / "field_0_image.tif").values.shape == (3, 16, 16)
     record = json.loads((tmp_path / "t" / "testset.json").read_text(encoding="utf-8"))
     assert record["fields"] == ["field_0", "field_1"]
-    assert record["set"] == "development"
+    assert record["set"] == "development" and record["photons"]["n_photons"] == 4000
     assert main(["data", "testset", str(tmp_path / "t"), "--fields", "11"]) == 3
-    unseen = ["data", "testset", str(tmp_path / "u"), "--fields", "1", "--which", "test", "--device", "cpu"]
-    assert main([*unseen, *SMALL[:4]]) == 0
+    assert main(["data", "testset", str(tmp_path / "u"), "--fields", "1", "--which", "test", *few]) == 0
     other = json.loads((tmp_path / "u" / "testset.json").read_text(encoding="utf-8"))
     assert other["set"] == "test" and other["fingerprint"] != record["fingerprint"]
     assert not np.array_equal(read_heights(tmp_path / "u" / "field_0_heights.npy"), field_heights(SCENE)[0])

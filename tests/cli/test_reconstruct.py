@@ -84,6 +84,8 @@ def test_trust_comes_first_and_says_the_same_everywhere(inputs, tmp_path, capsys
     if record["trust"]["pixels"] is None:
         assert record["trust"]["left"] == pytest.approx(record["residual"])
     assert lines[0] == f"trust      {line}"
+    at_all = "" if record["trust"]["pixels"] is None else " at all 128 pixels"
+    assert f"residual   {record['residual']:.4g} of the image{at_all}" in lines
     assert f"uncertain  none, because {record['no_uncertainty']}" in lines and record["uncertainty"] is None
     page = (out / "report.html").read_text()
     assert page.index(line[1:]) < page.index("Relief from") and "Standard uncertainty: none, because" in page

@@ -166,6 +166,17 @@ def test_solids(tmp_path, rounds):
             check(lambda path=path: read_solid(path, scene), suffix)
 
 
+def test_vertices_of_two_numbers_are_refused(tmp_path):
+    """Found by the long part of the test above."""
+    from warp_caustics.io.solid import read_solid
+    from warp_caustics.scene import Scene
+
+    path = tmp_path / "x.obj"
+    path.write_text("v 0 0\nv 50 0\nv 0 50\nf 1 2 3\n")
+    code, message = outcome(lambda: read_solid(path, Scene()))
+    assert (code, "numbers" in message) == (4, True), message
+
+
 def test_a_face_of_a_million_corners_is_refused(tmp_path):
     from warp_caustics.io.solid import read_solid
     from warp_caustics.scene import Scene

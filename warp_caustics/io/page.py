@@ -1,7 +1,11 @@
 """Pages for people (HTML): one style, everything inside, nothing that could be taken for markup."""
 
+from functools import cache
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import jinja2
 
 
 def render_page(package: str, name: str, **values: Any) -> str:
@@ -12,6 +16,12 @@ def render_page(package: str, name: str, **values: Any) -> str:
         name: of the template; ``style`` in it is the common style sheet.
         values: what it shows; all text is escaped.
     """
+    return _environment(package).get_template(name).render(style=page_file("warp_caustics.io", "style.css"), **values)
+
+
+@cache
+def _environment(package: str) -> "jinja2.Environment":
+    """Compiles a package's templates, each once: that takes longer than to fill one in."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -24,7 +34,7 @@ def render_page(package: str, name: str, **values: Any) -> str:
     # As they come: legends and buttons keep the order in which things were listed.
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters["figure"] = lambda value: "" if value is None else f"{value:.4g}"
-    return environment.get_template(name).render(style=page_file("warp_caustics.io", "style.css"), **values)
+    return environment
 
 
 def page_file(package: str, name: str) -> str:

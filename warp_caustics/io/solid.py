@@ -69,6 +69,8 @@ def read_solid(path: PathLike, scene: "Scene") -> FloatArray:
         raise DamagedDataError(f"{name} cannot be read as a mesh ({reason(error)}); export it again") from error
     if len(triangles) == 0 or not np.isfinite(triangles).all():
         raise DamagedDataError(f"{name} holds no triangles, or some that are not finite; export it again")
+    if triangles.shape[1:] != (3, 3):  # vertices of an OBJ file have as many numbers as its first one
+        raise DamagedDataError(f"{name} has vertices of {triangles.shape[-1]} numbers, not 3; export it again")
     corners = triangles.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)
     for axis, wanted in enumerate(scene.plate_size_m):

@@ -94,6 +94,15 @@ def test_what_cannot_be_told_is_said(content):
     assert "Undecided" not in Page(report_text(content)).text
 
 
+def test_two_shares_of_the_image_say_what_pixels_they_are_of(content):
+    """The line of trust judges at 32 pixels, the residual is of all 64: neither is taken for the other."""
+    judged = content.record | {"trust": {"line": "explained within noise: 0.5 % of the image left", "pixels": 32}}
+    text = Page(report_text(dataclasses.replace(content, record=judged, inspection=None))).text
+    assert "its caustic differs from the image by 1.23 %, at all 64 pixels" in text
+    assert "at all 64 pixels; the line above judges at 32" in text
+    assert "at all 64 pixels" not in Page(report_text(dataclasses.replace(content, inspection=None))).text
+
+
 def test_only_pixels_that_count_make_the_residual(content):
     """A pixel that the mask excludes may be anything."""
     mask = np.ones(content.measured.shape, bool)

@@ -61,7 +61,7 @@ def test_gradient_with_respect_to_lines(model, image):
 
 def test_descent_finds_the_lines_from_near(model, image):
     shift = 1e-3 * torch.tensor([0.3, -0.2, -0.2, 0.3, 0.2, -0.05], dtype=torch.float64)
-    fit = ImageFit(SCENE, image, model, 4 * N)
+    fit = ImageFit(SCENE, image, model, 2 * N)
     start = LINES + shift
     found = fit.descend(start, 40)
     assert error_um(model, start) > 20 and error_um(model, found.lines) < 1.0
@@ -119,7 +119,7 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering, e
     wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
     wrong[20:24, 20:24] += 1e-4
     seen = CausticImage(image.irradiance * np.float32(exposure), image.noise_std * exposure)
-    result = answering(wrong, refine_pixels=4 * N).reconstruct(seen)
+    result = answering(wrong, refine_pixels=2 * N).reconstruct(seen)
     np.testing.assert_allclose(result.counters["exposure"], exposure, rtol=1e-3)
     error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
     assert result.counters["explained_by"] == "fibres" and error < 1.0
@@ -185,7 +185,8 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
 def test_what_is_left_of_the_image_is_told(model, image, answering):
     """One line too few may be used: more than noise is left."""
     truth = model.heights(LINES[:2]).double().numpy()
-    result = answering(truth, most_lines=2, jumps=1, max_iterations=10, refine_iterations=2).reconstruct(image)
+    method = answering(truth, most_lines=2, jumps=0, max_iterations=10, refine_iterations=2, refine_pixels=2 * N)
+    result = method.reconstruct(image)
     assert result.counters["discrepancy"] > 2
     assert any("times its noise" in warning for warning in result.warnings)
 
