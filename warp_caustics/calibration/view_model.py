@@ -1,0 +1,231 @@
+"""What a capture of a known plate should show, and its derivatives by the bench and by what is not known of the plate.
+
+A capture that was divided by its flat frame shows L A(E(h)) / A(E(0)), with the camera A and light E; one without a flat frame
+A(E(h)). Each channel's brightness b is the capture's own: lamps drift. Light by the set-up is differentiated by differences
+of simulations with the same photons, wide enough that folds between two pixels do not matter; the camera by forward mode, exactly.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from warp_caustics.calibration.flat_light import flat_light
+from warp_caustics.camera.operator import Camera, channels, even, placed
+from warp_caustics.camera.parameters import CameraParameters
+from warp_caustics.setup.model import SetUpModel
+from warp_caustics.setup.optical import optical_steps
+from warp_caustics.setup.parameter import Parameter
+from warp_caustics.setup.seen import BLURRING, PLACING, TURNING
+from warp_caustics.setup.set_up import SetUp
+
+STEP = 50.0
+"""Steps of differences, in those of derivatives: light moves by 0.05 px. Folds that cross pixels make shorter ones jump."""
+SQUARED_STEP = 0.3
+"""Of numbers that count by their squares, in prior widths: light is nearly linear in the square."""
+PLACE_STEP_PX = 1e-4
+"""A turned picture is differentiated by its place by central differences, a few times as fast as forward mode: splines are
+smooth, and in double precision 1e-8 is left."""
+LEAST_BLUR = 0.15
+"""Blur at which the derivative by its square is taken, if it is less [px]."""
+
+
+class ViewModel:
+    """Captures of one plate on a bench.
+
+    Args:
+        setup: the bench, with its free parameters; its camera shows the window and nothing else.
+        heights: of the plate as it is told [m], shape [n, n].
+        modes: changes of it [m per unit], shape [K, n, n].
+        is_divided: captures were divided by a flat frame.
+        device: where to simulate.
+        simulation: further arguments of the simulator.
+    """
+
+    def __init__(
+        self,
+        setup: SetUp,
+        heights: torch.Tensor,
+        modes: torch.Tensor,
+        is_divided: bool,
+        device: str | torch.device = "cpu",
+        **simulation: Any,
+    ):
+        self.setup, self.is_divided, self.device = setup, is_divided, torch.device(device)
+        self._model = SetUpModel(setup, device=device, **simulation)
+        self._heights, self._modes = heights.to(self.device), modes.to(self.device)
+        self._level = torch.tensor(setup.nominal_scene.radiosity_W_m2, dtype=torch.float64, device=self.device)
+
+    def image(self, theta: torch.Tensor, plate: torch.Tensor) -> torch.Tensor:
+        """What the capture should show at brightness 1 [W/m^2], shape [C, m, m].
+
+        Args:
+            theta: of the set-up, shape [P].
+            plate: numbers of the plate, shape [K].
+        """
+        with torch.no_grad():
+            light = self._model.on_screen(self._surface(plate), theta)
+            camera = self.setup.camera(theta, device=self.device)
+            operator = self._operator(theta, ())
+            return self._divided(operator(light, camera), operator, camera, self._flat(theta))
+
+    def derivatives(self, theta: torch.Tensor, plate: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """:meth:`image`, and its derivatives by the set-up, shape [P, C, m, m], and the plate's numbers, [K, C, m, m].
+
+        By numbers that count by their squares the derivative is by the square.
+        """
+        with torch.no_grad():
+            heights = self._surface(plate)
+            light, flat = self._model.on_screen(heights, theta), self._flat(theta)
+            camera, operator = self.setup.camera(theta, device=self.device), self._operator(theta, ())
+            shown, even_shown = operator(light, camera), self._even(operator, camera, flat)
+            image = self._divided(shown, operator, camera, flat)
+            changes, flat_changes, numbers = self._light_changes(heights, theta)
+            changes = torch.cat((changes, self._plate_changes(heights, theta)))
+            moved = operator.linear(changes, camera) if len(changes) else changes
+            if self.is_divided:
+                moved = moved * (self._level[:, None, None] / even_shown)
+                for k, change in enumerate(flat_changes):
+                    if change is not None:
+                        darker = channels(even(change, camera, operator.form), camera)
+                        moved[k] -= image * darker / even_shown
+        by_setup = torch.zeros(len(theta), *image.shape, dtype=torch.float64, device=self.device)
+        for k, number in enumerate(numbers):
+            by_setup[number] = moved[k]
+        self._camera_columns(by_setup, light, flat, theta)
+        return image, by_setup, moved[len(numbers) :]
+
+    def _surface(self, plate: torch.Tensor) -> torch.Tensor:
+        return self._heights + torch.tensordot(plate.to(self.device), self._modes, 1) if len(plate) else self._heights
+
+    def _operator(self, theta: torch.Tensor, groups: tuple[str, ...]) -> Camera:
+        operator = self.setup.operator(theta, groups, device=self.device)
+        assert operator is not None
+        return operator
+
+    def _flat(self, theta: torch.Tensor) -> torch.Tensor:
+        scene = self.setup.scene(theta)
+        return flat_light(scene, scene.image_pixels).to(self.device)
+
+    def _even(self, operator: Camera, camera: CameraParameters, flat: torch.Tensor) -> torch.Tensor:
+        """The flat frame: so smooth that place and blur do nothing to it."""
+        ambient = (camera.ambient * operator.flat)[..., None, None]
+        return channels(even(flat, camera, operator.form) + ambient, camera)
+
+    def _divided(
+        self, shown: torch.Tensor, operator: Camera, camera: CameraParameters, flat: torch.Tensor
+    ) -> torch.Tensor:
+        if not self.is_divided:
+            return shown
+        return shown * (self._level[:, None, None] / self._even(operator, camera, flat))
+
+    def _light_changes(
+        self, heights: torch.Tensor, theta: torch.Tensor
+    ) -> tuple[torch.Tensor, list[torch.Tensor | None], list[int]]:
+        """Change of light per unit of each number of light, plate and screen, that of the flat frame, and their places."""
+        steps = optical_steps(self.setup.scene(theta))
+        changes, flat_changes, numbers = [], [], []
+        for number, parameter in enumerate(self.setup.parameters):
+            if parameter.name not in steps:
+                continue
+            ends = difference_ends(parameter, float(theta[number]), STEP * steps[parameter.name])
+            change, flat_change = self._between(heights, theta, number, ends)
+            changes.append(change)
+            flat_changes.append(flat_change)
+            numbers.append(number)
+        shape = (0, self.setup.nominal_scene.n_wavelengths, *2 * (self.setup.nominal_scene.image_pixels,))
+        stacked = torch.stack(changes) if changes else torch.zeros(shape, dtype=torch.float64, device=self.device)
+        return stacked, flat_changes, numbers
+
+    def _between(
+        self, heights: torch.Tensor, theta: torch.Tensor, number: int, ends: tuple[float, float]
+    ) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """Slope of light and of the flat frame's between two values of one parameter, by its square where that counts."""
+        behind, ahead = theta.clone(), theta.clone()
+        behind[number], ahead[number] = ends
+        squared = self.setup.parameters[number].is_squared
+        apart = ends[1] ** 2 - ends[0] ** 2 if squared else ends[1] - ends[0]
+        change = (self._model.on_screen(heights, ahead) - self._model.on_screen(heights, behind)) / apart
+        if self.setup.scene(ahead).is_collimated and self.setup.scene(behind).is_collimated:
+            return change, None
+        return change, (self._flat(ahead) - self._flat(behind)) / apart
+
+    def _plate_changes(self, heights: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
+        changes = []
+        scene = self.setup.scene(theta)
+        pitch = min(scene.sample_pitch_m)
+        # A change of slope turns light by (n - 1) of it, about, over the way to the screen.
+        depth = scene.base_thickness_m / min(scene.glass_indices) - scene.screen_position_m[2]
+        way = (min(scene.glass_indices) - 1) * depth
+        step = STEP * optical_steps(scene)["base_thickness_m"]
+        for mode in self._modes:
+            steepest = max(float(torch.diff(mode, dim=axis).abs().max()) for axis in (0, 1)) / pitch
+            scale = min(step / max(way * steepest, 1e-300), 1e-4 / max(float(mode.abs().max()), 1e-300))
+            ahead, behind = (self._model.on_screen(heights + sign * scale * mode, theta) for sign in (1, -1))
+            changes.append((ahead - behind) / (2 * scale))
+        shape = (0, self.setup.nominal_scene.n_wavelengths, *2 * (self.setup.nominal_scene.image_pixels,))
+        return torch.stack(changes) if changes else torch.zeros(shape, dtype=torch.float64, device=self.device)
+
+    def _camera_columns(
+        self, columns: torch.Tensor, light: torch.Tensor, flat: torch.Tensor, theta: torch.Tensor
+    ) -> None:
+        """Fill in derivatives by the camera. A picture that is in its place already is not placed again for its blur."""
+        picture = None
+        for number, parameter in enumerate(self.setup.parameters):
+            if parameter.part != "camera":
+                continue
+            at, factor = theta.clone(), 1.0
+            if parameter.is_squared:
+                at[number] = max(float(at[number]), LEAST_BLUR)
+                factor = 1 / (2 * float(at[number]))
+            if parameter.group in (*PLACING, *TURNING):
+                operator, source = self._operator(at, (parameter.group,)), light
+            else:
+                operator = self._operator(at, (parameter.group,))
+                if picture is None:
+                    with torch.no_grad():
+                        place = replace(self._operator(theta, ()).form, blurs=False)
+                        picture = placed(light, self.setup.camera(theta, device=self.device), place)
+                blurs = operator.form.blurs or parameter.group in BLURRING
+                operator.form = replace(operator.form, places=False, turns=False, blurs=blurs)
+                source = picture
+            columns[number] = factor * self._by_camera(operator, source, flat, at, number)
+
+    def _by_camera(
+        self, operator: Camera, light: torch.Tensor, flat: torch.Tensor, at: torch.Tensor, number: int
+    ) -> torch.Tensor:
+        def shown(theta: torch.Tensor) -> torch.Tensor:
+            camera = self.setup.camera(theta, device=self.device)
+            return self._divided(operator(light, camera), operator, camera, flat)
+
+        parameter = self.setup.parameters[number]
+        tangent = torch.zeros_like(at)
+        if operator.form.turns:
+            step = self._place_step(parameter)
+            tangent[number] = step
+            with torch.no_grad():
+                return (shown(at + tangent) - shown(at - tangent)) / (2 * step)
+        tangent[number] = 1.0
+        function: Callable[..., Any] = torch.func.jvp
+        derivative: torch.Tensor = function(shown, (at.to(self.device),), (tangent.to(self.device),))[1]
+        return derivative
+
+    def _place_step(self, parameter: Parameter) -> float:
+        """What moves the picture by :data:`PLACE_STEP_PX` at its border."""
+        return PLACE_STEP_PX if parameter.unit == "px" else 2 * PLACE_STEP_PX / self.setup.nominal_scene.image_pixels
+
+
+def difference_ends(parameter: Parameter, value: float, step: float) -> tuple[float, float]:
+    """Two values between which the slope by a parameter, or by its square, is taken; within its range.
+
+    Args:
+        parameter: which.
+        value: where.
+        step: to either side; numbers that count by their squares take one of their own.
+    """
+    if parameter.is_squared:
+        step = SQUARED_STEP * parameter.prior
+    step = min(step, (parameter.high - parameter.low) / 4)
+    low, high = max(value - step, parameter.low), min(value + step, parameter.high)
+    return low, high
