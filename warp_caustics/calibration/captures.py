@@ -14,6 +14,9 @@ from warp_caustics.setup.set_up import SetUp
 
 MEDIAN_SQUARE = 0.4549
 """Of a standard normal number."""
+OVERSAMPLING = 2
+"""Simulated pixels along the side of one that is looked at: with one, a picture moved by parts of a pixel is off by more than
+the noise, and lamp and blur make up for it."""
 BLOCKS = 16
 """Along each side, for the scatter of what different parts of an image say."""
 LEAST_BLOCK_PX = 4
@@ -56,7 +59,7 @@ class Captures:
         factor: by how much pixels are larger.
         blur_px: Gaussian that image and model are looked at through [large px]; 0 is none.
         border_px: small pixels on all sides that do not count.
-        photons: light paths per large pixel.
+        photons: light paths along each side, at least; footprints should be small against pixels and relief.
         device: where to simulate.
     """
 
@@ -70,30 +73,32 @@ class Captures:
         *,
         blur_px: float = 0.0,
         border_px: int = 8,
-        photons: float = 4.0,
+        photons: int = 256,
         device: str | torch.device = "cpu",
     ):
         self.setup, self.views, self.own, self.coordinates = setup, tuple(views), tuple(own), coordinates
         self.factor, self.blur_px = factor, blur_px
         assert setup.camera_config is not None
-        scene = enlarged_scene(setup.nominal_scene, factor)
-        ranges = {p.name: (p.low / factor, p.high / factor) for p in setup.parameters if p.unit == "px"}
+        # Simulated pixels are finer than those that are looked at.
+        fine = factor / OVERSAMPLING
+        scene = enlarged_scene(setup.nominal_scene, fine)
+        ranges = {p.name: (p.low / fine, p.high / fine) for p in setup.parameters if p.unit == "px"}
         ranges |= {p.name: (p.low, p.high) for p in setup.parameters if p.unit != "px"}
         small = SetUp.of(
             scene,
-            enlarged_camera(setup.camera_config, factor),
+            enlarged_camera(setup.camera_config, fine),
             setup.names,
             ranges=ranges,
-            priors={p.name: p.prior / (factor if p.unit == "px" else 1) for p in setup.parameters},
+            priors={p.name: p.prior / (fine if p.unit == "px" else 1) for p in setup.parameters},
         )
-        self._scale = torch.tensor([1 / factor if p.unit == "px" else 1.0 for p in setup.parameters], dtype=torch.float64)
+        self._scale = torch.tensor([1 / fine if p.unit == "px" else 1.0 for p in setup.parameters], dtype=torch.float64)
         powers = torch.tensor([2.0 if p.is_squared else 1.0 for p in setup.parameters], dtype=torch.float64)
         self._column_scale = self._scale**powers
-        side = max(int((photons * scene.image_pixels**2) ** 0.5), scene.height_samples)
+        side = max(photons, scene.height_samples)
         self.models = []
         for view in self.views:
             heights, modes = view.plate.surface(scene)
-            self.models.append(ViewModel(small, heights, modes, view.is_divided, device, n_photons=side**2))
+            self.models.append(ViewModel(small, heights, modes, view.is_divided, device, OVERSAMPLING, n_photons=side**2))
         large = [view.binned(factor) for view in self.views]
         border = -(-border_px // factor)
         at = torch.device(device)

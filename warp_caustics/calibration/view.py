@@ -93,12 +93,12 @@ def factors(pixels: int, finest: int) -> tuple[int, ...]:
     return tuple(reversed(found))
 
 
-def enlarged_scene(scene: Scene, factor: int) -> Scene:
+def enlarged_scene(scene: Scene, factor: float) -> Scene:
     """The scene in pixels ``factor`` times as large."""
-    return Scene.model_validate(scene.model_dump() | {"image_pixels": scene.image_pixels // factor})
+    return Scene.model_validate(scene.model_dump() | {"image_pixels": round(scene.image_pixels / factor)})
 
 
-def enlarged_camera(camera: CameraConfig, factor: int) -> CameraConfig:
+def enlarged_camera(camera: CameraConfig, factor: float) -> CameraConfig:
     """The camera in pixels ``factor`` times as large."""
 
     def less(value: object) -> object:

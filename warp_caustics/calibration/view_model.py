@@ -17,7 +17,7 @@ from warp_caustics.camera.parameters import CameraParameters
 from warp_caustics.setup.model import SetUpModel
 from warp_caustics.setup.optical import optical_steps
 from warp_caustics.setup.parameter import Parameter
-from warp_caustics.setup.seen import BLURRING, PLACING, TURNING
+from warp_caustics.setup.seen import PLACING
 from warp_caustics.setup.set_up import SetUp
 
 STEP = 50.0
@@ -25,8 +25,12 @@ STEP = 50.0
 SQUARED_STEP = 0.3
 """Of numbers that count by their squares, in prior widths: light is nearly linear in the square."""
 PLACE_STEP_PX = 1e-4
-"""A turned picture is differentiated by its place by central differences, a few times as fast as forward mode: splines are
-smooth, and in double precision 1e-8 is left."""
+MOVING = {*PLACING, "turn_rad"}
+"""Groups that move the picture as it is."""
+TURNING = ("homography",)
+TURNED_PX = 0.25
+"""Displacement at the border by a turn up to which changes of light are placed as if there were none: a gather for each takes
+longer than all else, and what is shown is not concerned, only its derivatives."""
 LEAST_BLUR = 0.15
 """Blur at which the derivative by its square is taken, if it is less [px]."""
 
@@ -40,6 +44,8 @@ class ViewModel:
         modes: changes of it [m per unit], shape [K, n, n].
         is_divided: captures were divided by a flat frame.
         device: where to simulate.
+        oversampling: pixels of the set-up's scene along the side of one that is looked at. Caustics are sharper than pixels, and
+            a picture that is moved by parts of one before it is blurred needs finer ones.
         simulation: further arguments of the simulator.
     """
 
@@ -50,9 +56,11 @@ class ViewModel:
         modes: torch.Tensor,
         is_divided: bool,
         device: str | torch.device = "cpu",
+        oversampling: int = 1,
         **simulation: Any,
     ):
         self.setup, self.is_divided, self.device = setup, is_divided, torch.device(device)
+        self.oversampling = oversampling
         self._model = SetUpModel(setup, device=device, **simulation)
         self._heights, self._modes = heights.to(self.device), modes.to(self.device)
         self._level = torch.tensor(setup.nominal_scene.radiosity_W_m2, dtype=torch.float64, device=self.device)
@@ -68,7 +76,7 @@ class ViewModel:
             light = self._model.on_screen(self._surface(plate), theta)
             camera = self.setup.camera(theta, device=self.device)
             operator = self._operator(theta, ())
-            return self._divided(operator(light, camera), operator, camera, self._flat(theta))
+            return self._binned(self._divided(operator(light, camera), operator, camera, self._flat(theta)))
 
     def derivatives(self, theta: torch.Tensor, plate: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """:meth:`image`, and its derivatives by the set-up, shape [P, C, m, m], and the plate's numbers, [K, C, m, m].
@@ -83,7 +91,7 @@ class ViewModel:
             image = self._divided(shown, operator, camera, flat)
             changes, flat_changes, numbers = self._light_changes(heights, theta)
             changes = torch.cat((changes, self._plate_changes(heights, theta)))
-            moved = operator.linear(changes, camera) if len(changes) else changes
+            moved = self._about(theta, camera, operator).linear(changes, camera) if len(changes) else changes
             if self.is_divided:
                 moved = moved * (self._level[:, None, None] / even_shown)
                 for k, change in enumerate(flat_changes):
@@ -94,7 +102,23 @@ class ViewModel:
         for k, number in enumerate(numbers):
             by_setup[number] = moved[k]
         self._camera_columns(by_setup, light, flat, theta)
-        return image, by_setup, moved[len(numbers) :]
+        return self._binned(image), self._binned(by_setup), self._binned(moved[len(numbers) :])
+
+    def _binned(self, images: torch.Tensor) -> torch.Tensor:
+        k = self.oversampling
+        if k == 1:
+            return images
+        *lead, m, _ = images.shape
+        return images.reshape(*lead, m // k, k, m // k, k).mean((-3, -1))
+
+    def _about(self, theta: torch.Tensor, camera: CameraParameters, operator: Camera) -> Camera:
+        """The camera without a small turn."""
+        m = self.setup.nominal_scene.image_pixels
+        is_straight = torch.equal(camera.homography.cpu(), torch.eye(3, dtype=torch.float64))
+        if operator.form.turns and is_straight and abs(float(camera.turn_rad)) * m / 2 < TURNED_PX:
+            operator = self._operator(theta, ("shift_x_px",))
+            operator.form = replace(operator.form, turns=False)
+        return operator
 
     def _surface(self, plate: torch.Tensor) -> torch.Tensor:
         return self._heights + torch.tensordot(plate.to(self.device), self._modes, 1) if len(plate) else self._heights
@@ -171,26 +195,77 @@ class ViewModel:
         self, columns: torch.Tensor, light: torch.Tensor, flat: torch.Tensor, theta: torch.Tensor
     ) -> None:
         """Fill in derivatives by the camera. A picture that is in its place already is not placed again for its blur."""
-        picture = None
+        names = [p.group for p in self.setup.parameters]
+        exact = self.setup.camera(theta, device=self.device)
+        plain = self._operator(theta, ())
+        with torch.no_grad():
+            picture = placed(light, exact, replace(plain.form, blurs=False))
+            slopes = self._place_slopes(light, theta) if set(names) & MOVING else None
+        inner = replace(plain.form, places=False, turns=False)
         for number, parameter in enumerate(self.setup.parameters):
             if parameter.part != "camera":
+                continue
+            if parameter.group in MOVING:
+                assert slopes is not None
+                with torch.no_grad():
+                    operator = self._operator(theta, ())
+                    operator.form = inner
+                    change = operator.linear(self._displaced(parameter, slopes, theta), exact)
+                    columns[number] = self._divided(change, plain, exact, flat)
                 continue
             at, factor = theta.clone(), 1.0
             if parameter.is_squared:
                 at[number] = max(float(at[number]), LEAST_BLUR)
                 factor = 1 / (2 * float(at[number]))
-            if parameter.group in (*PLACING, *TURNING):
-                operator, source = self._operator(at, (parameter.group,)), light
-            else:
-                operator = self._operator(at, (parameter.group,))
-                if picture is None:
-                    with torch.no_grad():
-                        place = replace(self._operator(theta, ()).form, blurs=False)
-                        picture = placed(light, self.setup.camera(theta, device=self.device), place)
-                blurs = operator.form.blurs or parameter.group in BLURRING
-                operator.form = replace(operator.form, places=False, turns=False, blurs=blurs)
+            operator, source = self._operator(at, (parameter.group,)), light
+            if parameter.group not in TURNING:
+                operator.form = replace(operator.form, places=False, turns=False)
                 source = picture
             columns[number] = factor * self._by_camera(operator, source, flat, at, number)
+
+    def _place_slopes(self, light: torch.Tensor, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Change of the picture before its blur per pixel that it is moved along x and y, shape [n_w, m, m] each.
+
+        Central differences: splines are smooth, and in double precision 1e-8 is left.
+        """
+        form = replace(self._operator(theta, ("shift_x_px",)).form, blurs=False)
+        camera = self.setup.camera(theta, device=self.device)
+        slopes = []
+        for axis in (0, 1):
+            step = torch.zeros(2, dtype=torch.float64, device=self.device)
+            step[axis] = PLACE_STEP_PX
+            ahead, behind = (placed(light, camera._replace(shift_px=camera.shift_px + s), form) for s in (step, -step))
+            slopes.append((ahead - behind) / (2 * PLACE_STEP_PX))
+        return slopes[0], slopes[1]
+
+    def _displaced(
+        self, parameter: Parameter, slopes: tuple[torch.Tensor, torch.Tensor], theta: torch.Tensor
+    ) -> torch.Tensor:
+        """Change of the picture per unit of a number that moves it, pixel by pixel, shape [n_w, m, m].
+
+        A picture moved by u(x, y) changes by as much as one moved by u altogether; that pixels grow with the
+        magnification, too, is left out.
+        """
+        along_x, along_y = slopes
+        m = along_x.shape[-1]
+        camera = self.setup.camera(theta, device=self.device)
+        middle = torch.arange(m, dtype=torch.float64, device=self.device) - (m - 1) / 2
+        x, y = middle[None, :] - camera.shift_px[0], middle[:, None] - camera.shift_px[1]
+        group, _, channel = parameter.name.partition(".")
+        change = {
+            "shift_x_px": lambda: along_x,
+            "shift_y_px": lambda: along_y,
+            "turn_rad": lambda: x * along_y - y * along_x,
+            "magnification": lambda: (x * along_x + y * along_y) / camera.magnification,
+            "colour_shift_x_px": lambda: along_x,
+            "colour_shift_y_px": lambda: along_y,
+            "colour_scale": lambda: middle[None, :] * along_x + middle[:, None] * along_y,
+        }[group]()
+        if not channel:
+            return change
+        own = torch.zeros_like(change)
+        own[int(channel)] = change[int(channel)]
+        return own
 
     def _by_camera(
         self, operator: Camera, light: torch.Tensor, flat: torch.Tensor, at: torch.Tensor, number: int
@@ -199,21 +274,11 @@ class ViewModel:
             camera = self.setup.camera(theta, device=self.device)
             return self._divided(operator(light, camera), operator, camera, flat)
 
-        parameter = self.setup.parameters[number]
         tangent = torch.zeros_like(at)
-        if operator.form.turns:
-            step = self._place_step(parameter)
-            tangent[number] = step
-            with torch.no_grad():
-                return (shown(at + tangent) - shown(at - tangent)) / (2 * step)
         tangent[number] = 1.0
         function: Callable[..., Any] = torch.func.jvp
         derivative: torch.Tensor = function(shown, (at.to(self.device),), (tangent.to(self.device),))[1]
         return derivative
-
-    def _place_step(self, parameter: Parameter) -> float:
-        """What moves the picture by :data:`PLACE_STEP_PX` at its border."""
-        return PLACE_STEP_PX if parameter.unit == "px" else 2 * PLACE_STEP_PX / self.setup.nominal_scene.image_pixels
 
 
 def difference_ends(parameter: Parameter, value: float, step: float) -> tuple[float, float]:
