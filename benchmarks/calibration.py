@@ -2,8 +2,10 @@
 
     python -m benchmarks.calibration --benches 8 --output benchmarks/calibration.json
 
-Each bench is drawn around its nominal set-up, and photographed three times with other photons than the calibration's (stratified,
-their own seeds and number), through the camera's sensor: a print that misses its design, a lens, and a flat plate without flat
+Each bench is drawn around its nominal set-up, and photographed three times with other photons than the calibration's
+(stratified,
+their own seeds and number), through the camera's sensor: a print that misses its design, a lens, and a flat plate
+without flat
 frame. Files are written and read as nsfc does it.
 """
 
@@ -58,7 +60,8 @@ KINDS: dict[str, dict[str, Any]] = {
         "sensor": {"full_well_electrons": 25000, "photo_frames": 4, "exposure": 0.05},
     },
 }  # fmt: skip
-"""Standard deviations of what nobody measured, ranges of what is blurred; a gap of 1 mm, a lamp far away or at 0.5 m."""
+"""Standard deviations of what nobody measured, ranges of what is blurred; a gap of 1 mm, a lamp far away or at 0.5
+m."""
 
 
 def nominal_scene(kind: str) -> Scene:
@@ -116,9 +119,9 @@ def printed(seed: int) -> KnownPlate:
     """A design of twelve lines, 0.2 to 0.4 mm high."""
     g = np.random.default_rng(10_000 + seed)
     lines = [
-        Line(tuple(g.uniform(-0.02, 0.02, 2)), tuple(g.uniform(-0.02, 0.02, 2)), g.uniform(2e-3, 4e-3), g.uniform(2e-4, 4e-4))
-        for _ in range(12)
-    ]  # fmt: skip
+        Line(tuple(ends[:2]), tuple(ends[2:]), g.uniform(2e-3, 4e-3), g.uniform(2e-4, 4e-4))
+        for ends in g.uniform(-0.02, 0.02, (12, 4))
+    ]
 
     def relief(factor: float, n: int, size: tuple[float, float]) -> np.ndarray:
         return line_relief([replace(line, width_m=line.width_m * factor) for line in lines], n, size)
@@ -134,7 +137,8 @@ def photographed(
     # Light in other pixels than the camera's and the calibration's.
     fine = Scene.model_validate(scene.model_dump() | {"image_pixels": LIGHT_PIXELS})
     config = CameraConfig.model_validate(
-        config.model_dump() | {"frame_px": (PIXELS, PIXELS), "magnification": config.magnification * PIXELS / LIGHT_PIXELS}
+        config.model_dump()
+        | {"frame_px": (PIXELS, PIXELS), "magnification": config.magnification * PIXELS / LIGHT_PIXELS}
     )
     g = np.random.default_rng(20_000 + seed)
     heights, modes = plate.surface(scene)
@@ -178,8 +182,8 @@ def run(kind: str, seed: int, finest: int) -> dict[str, Any]:
         "warnings": list(found.warnings),
         "parameters": [
             {
-                "name": f.parameter.name, "before": f.before, "prior": f.parameter.prior, "true": true, "value": f.value,
-                "sigma": f.sigma, "noise_sigma": f.noise_sigma, "verdict": f.verdict,
+                "name": f.parameter.name, "before": f.before, "prior": f.parameter.prior, "true": true,
+                "value": f.value, "sigma": f.sigma, "noise_sigma": f.noise_sigma, "verdict": f.verdict,
             }
             for f, true in zip(found.bench, truth, strict=True)
         ],

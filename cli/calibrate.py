@@ -1,6 +1,7 @@
 """``nsfc calibrate``: the bench from captures of plates that are known."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rich_click as click
@@ -28,7 +29,8 @@ MOST_ADVICE = 3
     "plates",
     multiple=True,
     metavar="flat|FILE",
-    help="What CAPTURE shows, once for each in their order: flat, a lens or wedge (.yaml), a height map, or a printed design.",
+    help="What CAPTURE shows, once for each in their order: flat, a lens or wedge (.yaml), a height map, or a "
+    "printed design.",
 )
 @click.option("-o", "--output", type=click.Path(), required=True, help="Folder for bench.yaml and the page.")
 @click.option(
@@ -38,7 +40,9 @@ MOST_ADVICE = 3
     metavar="NAME=WIDTH",
     help="Standard deviation of a plate's height_scale, width_scale, shift_x_m, shift_y_m or turn_rad. Repeatable.",
 )
-@click.option("--camera", metavar="FILE|NAME", help="What is believed of the camera: YAML file, or careful, ordinary, poor.")
+@click.option(
+    "--camera", metavar="FILE|NAME", help="What is believed of the camera: YAML file, or careful, ordinary, poor."
+)
 @click.option(
     "--free",
     multiple=True,
@@ -49,11 +53,20 @@ MOST_ADVICE = 3
     "--prior", "priors", multiple=True, metavar="NAME=WIDTH", help="Standard deviation in SI units, e.g. gap_m=1e-4."
 )
 @click.option("--noise", type=number, help="Of a pixel, as part of flat light. [default: seen in each capture]")
-@click.option("--border", type=integer, default="8", show_default=True, metavar="PIXELS", help="Not looked at on all sides.")
 @click.option(
-    "--finest", type=integer, default="256", show_default=True, metavar="PIXELS", help="Per side of the last level, at most."
+    "--border", type=integer, default="8", show_default=True, metavar="PIXELS", help="Not looked at on all sides."
 )
-@click.option("--iterations", type=integer, default="5", show_default=True, help="Of the descent on the last level, at most.")
+@click.option(
+    "--finest",
+    type=integer,
+    default="256",
+    show_default=True,
+    metavar="PIXELS",
+    help="Per side of the last level, at most.",
+)
+@click.option(
+    "--iterations", type=integer, default="5", show_default=True, help="Of the descent on the last level, at most."
+)
 @click.option("--advice/--no-advice", default=True, show_default=True, help="Say what to measure or photograph next.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
 @bench_option
@@ -84,7 +97,8 @@ def calibrate(
 ) -> int:
     """Find the bench from CAPTURE, one or more photos of plates that are known.
 
-    A plate without relief tells lamp and uneven light, a lens or a print the rest. CAPTURE may be a list (.yaml) of captures with their
+    A plate without relief tells lamp and uneven light, a lens or a print the rest. CAPTURE may be a list (.yaml) of
+    captures with their
     plates and frames. OUTPUT then holds bench.yaml, which every command takes with --bench, and report.html.
     """
     from cli.calibration.files import CALIBRATION, write_calibration
@@ -102,8 +116,13 @@ def calibrate(
     shots = given_shots(captures, plates, named_numbers(tolerances, "--tolerance"), capture)
     scene = load_config(config_source, settings, {}, bench=bench).scene
     believed, widths = _believed(camera, bench, named_numbers(priors, "--prior"))
-    files = {f"{shot.name}, {role}": path for shot in shots for role, path in shot.files.items()}
-    inputs = [*captures, *files.values(), *config_files(config_source), *([] if bench is None else [bench])]
+    files: dict[str, str] = {f"{shot.name}, {role}": path for shot in shots for role, path in shot.files.items()}
+    inputs: list[str | Path] = [
+        *captures,
+        *files.values(),
+        *config_files(config_source),
+        *([] if bench is None else [bench]),
+    ]
     target = check_target(output, force, CALIBRATION, inputs)
     names = [name for given in free for name in given.split(",") if name] or None
     scene = _with_samples(scene, shots, settings)
@@ -153,7 +172,11 @@ def _with_samples(scene: "Scene", shots: "list[Shot]", settings: tuple[str, ...]
     from warp_caustics.prints.line_list import is_line_list
     from warp_caustics.scene import Scene
 
-    maps = {shot.plate: len(read_heights(shot.plate)) for shot in shots if shot.plate != "flat" and not is_line_list(shot.plate)}
+    maps = {
+        shot.plate: len(read_heights(shot.plate))
+        for shot in shots
+        if shot.plate != "flat" and not is_line_list(shot.plate)
+    }
     sizes = set(maps.values())
     if len(sizes) > 1:
         raise InputError(f"height maps have {sorted(sizes)} samples; resample them to one number")
@@ -194,13 +217,16 @@ def _lines(found: "Calibration", told: "tuple[LeastTold, list[Advice]]", output:
     rows = [shown(item) for item in found.bench]
     lines = [f"{'number':<22} {'believed':>10} {'+-':>8} {'found':>12} {'+-':>9}  unit   verdict"]
     lines += [
-        f"{row['name']:<22} {row['before']:>10} {row['prior']:>8} {row['value']:>12} {row['sigma']:>9}  {row['unit']:<5}  "
+        f"{row['name']:<22} {row['before']:>10} {row['prior']:>8} {row['value']:>12} {row['sigma']:>9}  "
+        f"{row['unit']:<5}  "
         f"{row['verdict']}"
         for row in rows
     ]
     for fit in found.fits:
         worst = float(fit.misfit.max())
-        lines.append(f"{fit.view.name}: {fit.explained:.1%} of the difference explained, {worst:.2f} times the noise is left")
+        lines.append(
+            f"{fit.view.name}: {fit.explained:.1%} of the difference explained, {worst:.2f} times the noise is left"
+        )
     least, advised = told
     lines.append(f"least told {least_words(least)}")
     lines += [f"next       {item.what}: {item.left:.0%} of that would be left" for item in advised[:MOST_ADVICE]]
@@ -217,8 +243,8 @@ def _record(
         "output": output,
         "parameters": [
             {
-                "name": f.parameter.name, "capture": f.view, "unit": f.parameter.unit, "value": f.value, "sigma": f.sigma,
-                "noise_sigma": f.noise_sigma, "before": f.before, "prior": f.parameter.prior, "left": f.remaining,
+                "name": f.parameter.name, "capture": f.view, "unit": f.parameter.unit, "value": f.value,
+                "sigma": f.sigma, "noise_sigma": f.noise_sigma, "before": f.before, "prior": f.parameter.prior, "left": f.remaining,
                 "verdict": f.verdict,
             }
             for f in found.found

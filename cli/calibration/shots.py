@@ -81,11 +81,14 @@ def given_shots(
     listed = _listed(images[0]) if len(images) == 1 else None
     if listed is not None:
         if plates or capture or tolerances:
-            raise InputError(f"{images[0]!r} lists captures with their plates and frames; leave other options for them out")
+            raise InputError(
+                f"{images[0]!r} lists captures with their plates and frames; leave other options for them out"
+            )
         return _named([_of_list(entry, Path(images[0]).parent) for entry in listed.captures])
     if len(plates) != len(images):
         raise InputError(
-            f"{len(plates)} plates for {len(images)} captures; give --plate once for each, in their order: flat, or a file"
+            f"{len(plates)} plates for {len(images)} captures; give --plate once for each, in their order: "
+            f"flat, or a file"
         )
     shots = []
     for image, plate in zip(images, plates, strict=True):
@@ -125,9 +128,7 @@ def _listed(path: str) -> ShotList | None:
 
 def _of_list(entry: ListedShot, folder: Path) -> Shot:
     options = {
-        name: str(folder / value)
-        for name in ("capture", "dark", "flat")
-        if (value := getattr(entry, name)) is not None
+        name: str(folder / value) for name in ("capture", "dark", "flat") if (value := getattr(entry, name)) is not None
     }
     if entry.corners is not None:
         options["corners"] = entry.corners if entry.corners == "auto" else str(folder / entry.corners)

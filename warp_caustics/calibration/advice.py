@@ -1,7 +1,9 @@
 """What to measure or photograph next: by how much each would shrink what captures leave open most.
 
-The combination of numbers that is least told is the eigenvector of the told covariance, in prior widths, with the largest
-eigenvalue. A measurement of one number, or a capture of another plate (its Fisher information, with its own numbers estimated
+The combination of numbers that is least told is the eigenvector of the told covariance, in prior widths, with the
+largest
+eigenvalue. A measurement of one number, or a capture of another plate (its Fisher information, with its own numbers
+estimated
 along), leaves part of its deviation.
 """
 
@@ -172,7 +174,10 @@ def _information_of(
     view = View("thought of", plate, np.ones((channels, m, m)), noise, None, is_divided)
     parameters: Sequence[Parameter] = [
         *setup.parameters,
-        *(Parameter(f"brightness.{c}", "b", "1", 1e-3, 1e3, view.brightness_prior, "camera", "") for c in range(channels)),
+        *(
+            Parameter(f"brightness.{c}", "b", "1", 1e-3, 1e3, view.brightness_prior, "camera", "")
+            for c in range(channels)
+        ),
         *plate.parameters,
     ]  # fmt: skip
     count = len(setup.parameters)

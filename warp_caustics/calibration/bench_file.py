@@ -1,11 +1,11 @@
 """A bench as a file: what was found of scene and camera, how sure it is, and from what.
 
-    nsfc_bench: 1
-    scene: {gap and all that a scene has but for the samples of a relief}
-    camera: {as nsfc simulate --camera takes it}
-    parameters: [{name: gap_m, unit: m, value: 0.00104, sigma: 3.0e-06, before: 0.001, prior: 5.0e-05, verdict: found}, ...]
-    covariance: [[...], ...]
-    provenance: {...}
+nsfc_bench: 1
+scene: {gap and all that a scene has but for the samples of a relief}
+camera: {as nsfc simulate --camera takes it}
+parameters: [{name: gap_m, unit: m, value: 0.00104, sigma: 3.0e-06, before: 0.001, prior: 5.0e-05, verdict: found}, ...]
+covariance: [[...], ...]
+provenance: {...}
 """
 
 import os

@@ -1,7 +1,9 @@
 """The bench that captures of known plates were taken on: the most probable values, and how sure they are.
 
-Coarse to fine: large pixels first, image and model looked at through a blur, so that a picture several pixels off is found; the whole
-displacement first of all, by correlation. In the last pixels the noise is fitted to what is left, and the descent goes on with that.
+Coarse to fine: large pixels first, image and model looked at through a blur, so that a picture several pixels off is
+found; the whole
+displacement first of all, by correlation. In the last pixels the noise is fitted to what is left, and the descent
+goes on with that.
 """
 
 from collections.abc import Callable, Sequence
@@ -146,7 +148,8 @@ class Calibration:
 def usual_free(scene: Scene, camera: CameraConfig, views: Sequence[View]) -> list[str]:
     """Names of parameters that are looked for where nobody says which.
 
-    Those of :data:`~warp_caustics.setup.set_up.USUAL_CAMERA` but for gains, which are each capture's; uneven light where a
+    Those of :data:`~warp_caustics.setup.set_up.USUAL_CAMERA` but for gains, which are each capture's; uneven light
+    where a
     capture without flat frame shows it.
     """
     usual = [name for name in SetUp.of(scene, camera).names if name.partition(".")[0] not in NOT_SHARED]
@@ -281,7 +284,8 @@ def _check(scene: Scene, views: Sequence[View], border_px: int) -> None:
             raise InputError(f"{view.name} has shape {list(view.image.shape)}, the scene {list(expected)}; resample it")
     if scene.image_pixels < LEAST_PIXELS or not 0 <= border_px < scene.image_pixels // 4:
         raise InputError(
-            f"{scene.image_pixels} pixels with a border of {border_px} leave too little; use {LEAST_PIXELS} pixels or more "
+            f"{scene.image_pixels} pixels with a border of {border_px} leave too little; use {LEAST_PIXELS} "
+            f"pixels or more "
             "and a border of 8 or so"
         )
 
@@ -378,7 +382,8 @@ def _warnings(found: Sequence[Found], fits: Sequence[Fit], solution: Solution) -
         worst = float(fit.misfit.max())
         if worst > MISFIT:
             lines.append(
-                f"{fit.view.name}: what is left is {worst:.1f} times the camera's noise (limit {MISFIT:g}); look at the "
+                f"{fit.view.name}: what is left is {worst:.1f} times the camera's noise (limit {MISFIT:g}); "
+                f"look at the "
                 "residual for dust, another plate than told, or something the bench has and the model lacks"
             )
     for item in found:
@@ -423,5 +428,3 @@ def camera_record(nominal: CameraConfig, parameters: CameraParameters) -> Camera
         "gain": tuple(values(p.gain)),
     }
     return CameraConfig.model_validate(tree)
-
-

@@ -15,7 +15,8 @@ from warp_caustics.setup.set_up import SetUp
 MEDIAN_SQUARE = 0.4549
 """Of a standard normal number."""
 OVERSAMPLING = 2
-"""Simulated pixels along the side of one that is looked at: with one, a picture moved by parts of a pixel is off by more than
+"""Simulated pixels along the side of one that is looked at: with one, a picture moved by parts of a pixel is off by
+more than
 the noise, and lamp and blur make up for it."""
 BLOCKS = 16
 """Along each side, for the scatter of what different parts of an image say."""
@@ -98,7 +99,9 @@ class Captures:
         self.models = []
         for view in self.views:
             heights, modes = view.plate.surface(scene)
-            self.models.append(ViewModel(small, heights, modes, view.is_divided, device, OVERSAMPLING, n_photons=side**2))
+            self.models.append(
+                ViewModel(small, heights, modes, view.is_divided, device, OVERSAMPLING, n_photons=side**2)
+            )
         large = [view.binned(factor) for view in self.views]
         border = -(-border_px // factor)
         at = torch.device(device)

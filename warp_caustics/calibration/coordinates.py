@@ -1,6 +1,7 @@
 """Parameters as a descent moves them: in units of their prior widths, squares where light depends on squares.
 
-A number v that an image depends on by its square moves as u = v^2. Of v ~ N(v0, w^2) the square has the mean v0^2 + w^2 and
+A number v that an image depends on by its square moves as u = v^2. Of v ~ N(v0, w^2) the square has the mean v0^2 +
+w^2 and
 the variance 4 v0^2 w^2 + 2 w^4; it is taken for Gaussian about v0^2 with that variance.
 """
 
@@ -57,9 +58,7 @@ class Coordinates:
         width = torch.where(squared, (4 * values**2 * prior**2 + 2 * prior**4).sqrt(), prior)
         least = torch.where(squared, low.clamp_min(0.0) ** 2, low)
         most = torch.where(squared, high**2, high)
-        return cls(
-            tuple(parameters), values, (least - centre) / width, (most - centre) / width, squared, centre, width
-        )
+        return cls(tuple(parameters), values, (least - centre) / width, (most - centre) / width, squared, centre, width)
 
     def values(self, x: torch.Tensor) -> torch.Tensor:
         """Values of coordinates, shape [P], within the ranges."""
@@ -84,7 +83,9 @@ class Coordinates:
         square = (self._centre + self._width * x).clamp_min(0.0)
         root = square.sqrt()
         near = (square + change).sqrt() - root
-        return torch.where(self._squared, torch.where(square > change, change / (2 * root.clamp_min(1e-300)), near), change)
+        return torch.where(
+            self._squared, torch.where(square > change, change / (2 * root.clamp_min(1e-300)), near), change
+        )
 
     def slopes(self, values: torch.Tensor) -> torch.Tensor:
         """Change of values per unit of x, shape [P]; of squares near 0 as :meth:`deviations` has it for a unit."""

@@ -28,7 +28,9 @@ def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
     level = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)
     if scene.is_collimated:
         return level[:, None, None].expand(-1, pixels, pixels)
-    coarse = Scene.model_validate(scene.model_dump() | {"image_pixels": COARSE, "height_samples": 8, "lamp_radius_m": 0.0})
+    coarse = Scene.model_validate(
+        scene.model_dump() | {"image_pixels": COARSE, "height_samples": 8, "lamp_radius_m": 0.0}
+    )
     with torch.no_grad():
         image = CausticSimulator(coarse, device="cpu", dtype=torch.float64)(torch.zeros(8, 8, dtype=torch.float64))
     inner = image[:, BORDER:-BORDER, BORDER:-BORDER]

@@ -1,7 +1,9 @@
 """Gauss-Newton with Levenberg's and Marquardt's damping for a posterior: many pixels, few numbers, limits kept.
 
-Minimises f(x) = sum rho(r(x)) + |x|^2 / 2, with Huber's rho of residuals in units of their noise, and x in units of prior
-widths (:mod:`warp_caustics.calibration.coordinates`). Steps are those of Nocedal and Wright (Numerical Optimization, 2006,
+Minimises f(x) = sum rho(r(x)) + |x|^2 / 2, with Huber's rho of residuals in units of their noise, and x in units of
+prior
+widths (:mod:`warp_caustics.calibration.coordinates`). Steps are those of Nocedal and Wright (Numerical Optimization,
+2006,
 section 10.3) with Marquardt's scaling; what lies at a limit and is pushed out of it stays there (section 16.7).
 """
 
@@ -13,7 +15,8 @@ import torch
 from warp_caustics.errors import InputError
 
 HUBER = 2.5
-"""Residual [standard deviations] from which one counts linearly: dust and a fold that the model lacks pull no longer. Of
+"""Residual [standard deviations] from which one counts linearly: dust and a fold that the model lacks pull no longer.
+Of
 Gaussian noise 1.2 % lies beyond."""
 LARGEST_STEP = 3.0
 """Of a coordinate in one iteration [prior widths]."""

@@ -49,7 +49,8 @@ def first_variance(parts: torch.Tensor) -> torch.Tensor:
     weights = torch.tensor(
         [READ_SHARE, 1 - READ_SHARE, FIRST_MISPLACED_PX**2, FIRST_SPECKLE**2], dtype=parts.dtype, device=parts.device
     )
-    return torch.tensordot(weights, parts, 1)
+    result: torch.Tensor = torch.tensordot(weights, parts, 1)
+    return result
 
 
 def fitted_variance(parts: torch.Tensor, residuals: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:

@@ -76,7 +76,8 @@ def read_plate(source: str | os.PathLike[str], tolerances: Mapping[str, float] |
     """A plate of a file, or ``flat``.
 
     Args:
-        source: ``flat``; YAML with ``kind: lens`` or ``kind: wedge``; a printed design or list of lines (.yaml, .csv); a height map
+        source: ``flat``; YAML with ``kind: lens`` or ``kind: wedge``; a printed design or list of lines (.yaml,
+        .csv); a height map
             in metres.
         tolerances: in place of the usual or the file's, by name.
 

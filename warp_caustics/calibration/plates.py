@@ -2,8 +2,10 @@
 
     h(x, y) = h_0(x, y) + sum_k q_k m_k(x, y),     q_k of standard deviation w_k (its tolerance)
 
-where modes m_k are a higher relief, wider lines, and a plate that lies elsewhere or turned. Heights are above the base, which has
-its own number in the set-up. A lens is the segment of a sphere (Born and Wolf, Principles of Optics, section 4.4: the sag
+where modes m_k are a higher relief, wider lines, and a plate that lies elsewhere or turned. Heights are above the
+base, which has
+its own number in the set-up. A lens is the segment of a sphere (Born and Wolf, Principles of Optics, section 4.4: the
+sag
 is R - sqrt(R^2 - r^2)).
 """
 
@@ -166,7 +168,9 @@ def wedge(angle_rad: float, towards_rad: float = 0.0, name: str = "wedge") -> Kn
         InputError: too steep.
     """
     if not 0 < angle_rad <= 0.35:
-        raise InputError(f"{name}: angle {angle_rad:g} rad is not between 0 and 0.35 (20 degrees); give a thinner wedge")
+        raise InputError(
+            f"{name}: angle {angle_rad:g} rad is not between 0 and 0.35 (20 degrees); give a thinner wedge"
+        )
 
     def relief(n: int, size: tuple[float, float]) -> np.ndarray:
         x, y = (cell_centres(n, length) for length in size)

@@ -5,7 +5,8 @@ together over many pixels, different parts of the image say different things. Th
 
     S = H^-1 (B / (B - 1) sum_b g_b g_b^T + 1) H^-1,     g_b the pull of block b, less the mean
 
-(Huber, 1967; Cameron and Miller, A practitioner's guide to cluster-robust inference, 2015, eq. 10, with the prior's unit
+(Huber, 1967; Cameron and Miller, A practitioner's guide to cluster-robust inference, 2015, eq. 10, with the prior's
+unit
 information). Of each number the larger deviation of both is told, and correlations are those of noise.
 """
 

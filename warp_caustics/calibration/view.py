@@ -17,7 +17,8 @@ LEAST_PIXELS = 32
 MOST_MISSING = 0.5
 """Share of a large pixel whose small ones may be missing."""
 DIVIDED_BRIGHTNESS, RAW_BRIGHTNESS = 0.05, 0.3
-"""Prior widths of each channel's brightness: of a lamp that drifts between two frames; of a photo without flat frame."""
+"""Prior widths of each channel's brightness: of a lamp that drifts between two frames; of a photo without flat
+frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ class View:
             raise InputError(f"{self.name} has shape {list(self.image.shape)}; give a window, [n_w, m, m]")
         if self.noise.shape != (len(self.image),) or not (np.isfinite(self.noise) & (self.noise > 0)).all():
             raise InputError(
-                f"{self.name}: noise {np.round(self.noise, 6).tolist()} W/m^2 is not above 0 for each channel; give the "
+                f"{self.name}: noise {np.round(self.noise, 6).tolist()} W/m^2 is not above 0 for each channel; "
+                f"give the "
                 "camera's, such as --noise 0.01"
             )
         if self.mask is not None and self.mask.shape != self.image.shape:

@@ -1,8 +1,11 @@
 """What a capture of a known plate should show, and its derivatives by the bench and by what is not known of the plate.
 
-A capture that was divided by its flat frame shows L A(E(h)) / A(E(0)), with the camera A and light E; one without a flat frame
-A(E(h)). Each channel's brightness b is the capture's own: lamps drift. Light by the set-up is differentiated by differences
-of simulations with the same photons, wide enough that folds between two pixels do not matter; the camera by forward mode, exactly.
+A capture that was divided by its flat frame shows L A(E(h)) / A(E(0)), with the camera A and light E; one without a
+flat frame
+A(E(h)). Each channel's brightness b is the capture's own: lamps drift. Light by the set-up is differentiated by
+differences
+of simulations with the same photons, wide enough that folds between two pixels do not matter; the camera by forward
+mode, exactly.
 """
 
 from collections.abc import Callable
@@ -21,7 +24,8 @@ from warp_caustics.setup.seen import PLACING
 from warp_caustics.setup.set_up import SetUp
 
 STEP = 50.0
-"""Steps of differences, in those of derivatives: light moves by 0.05 px. Folds that cross pixels make shorter ones jump."""
+"""Steps of differences, in those of derivatives: light moves by 0.05 px. Folds that cross pixels make shorter ones
+jump."""
 SQUARED_STEP = 0.3
 """Of numbers that count by their squares, in prior widths: light is nearly linear in the square."""
 PLACE_STEP_PX = 1e-4
@@ -29,7 +33,8 @@ MOVING = {*PLACING, "turn_rad"}
 """Groups that move the picture as it is."""
 TURNING = ("homography",)
 TURNED_PX = 0.25
-"""Displacement at the border by a turn up to which changes of light are placed as if there were none: a gather for each takes
+"""Displacement at the border by a turn up to which changes of light are placed as if there were none: a gather for
+each takes
 longer than all else, and what is shown is not concerned, only its derivatives."""
 LEAST_BLUR = 0.15
 """Blur at which the derivative by its square is taken, if it is less [px]."""
@@ -44,7 +49,8 @@ class ViewModel:
         modes: changes of it [m per unit], shape [K, n, n].
         is_divided: captures were divided by a flat frame.
         device: where to simulate.
-        oversampling: pixels of the set-up's scene along the side of one that is looked at. Caustics are sharper than pixels, and
+        oversampling: pixels of the set-up's scene along the side of one that is looked at. Caustics are sharper than
+        pixels, and
             a picture that is moved by parts of one before it is blurred needs finer ones.
         simulation: further arguments of the simulator.
     """
@@ -147,7 +153,8 @@ class ViewModel:
     def _light_changes(
         self, heights: torch.Tensor, theta: torch.Tensor
     ) -> tuple[torch.Tensor, list[torch.Tensor | None], list[int]]:
-        """Change of light per unit of each number of light, plate and screen, that of the flat frame, and their places."""
+        """Change of light per unit of each number of light, plate and screen, that of the flat frame, and their
+        places."""
         steps = optical_steps(self.setup.scene(theta))
         changes, flat_changes, numbers = [], [], []
         for number, parameter in enumerate(self.setup.parameters):
@@ -165,7 +172,8 @@ class ViewModel:
     def _between(
         self, heights: torch.Tensor, theta: torch.Tensor, number: int, ends: tuple[float, float]
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Slope of light and of the flat frame's between two values of one parameter, by its square where that counts."""
+        """Slope of light and of the flat frame's between two values of one parameter, by its square where that
+        counts."""
         behind, ahead = theta.clone(), theta.clone()
         behind[number], ahead[number] = ends
         squared = self.setup.parameters[number].is_squared
@@ -194,7 +202,8 @@ class ViewModel:
     def _camera_columns(
         self, columns: torch.Tensor, light: torch.Tensor, flat: torch.Tensor, theta: torch.Tensor
     ) -> None:
-        """Fill in derivatives by the camera. A picture that is in its place already is not placed again for its blur."""
+        """Fill in derivatives by the camera. A picture that is in its place already is not placed again for its
+        blur."""
         names = [p.group for p in self.setup.parameters]
         exact = self.setup.camera(theta, device=self.device)
         plain = self._operator(theta, ())

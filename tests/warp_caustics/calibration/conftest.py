@@ -52,5 +52,3 @@ def drawn_bench(setup, seed):
     from warp_caustics.calibration.calibrate import camera_record
 
     return setup.scene(theta), camera_record(setup.camera_config, setup.camera(theta)), theta
-
-

@@ -1,17 +1,14 @@
 """The bench comes back from captures of known plates, and is as sure as it says."""
 
 import numpy as np
-import pytest
 import torch
 
 from warp_caustics.calibration.calibrate import calibrate
-from warp_caustics.calibration.plates import DESIGN, TOLERANCES, KnownPlate, flat_plate, lens, wedge
-from warp_caustics.camera.config import CameraConfig
-from warp_caustics.errors import InputError
+from warp_caustics.calibration.plates import DESIGN, TOLERANCES, KnownPlate
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.setup.set_up import SetUp
 
-from .conftest import CAMERA, PHOTONS, PIXELS, SCENE, capture, drawn_bench, true_values
+from .conftest import CAMERA, PHOTONS, SCENE, capture, drawn_bench
 
 FREE = ("gap_m", "tilt_x_rad", "lamp_half_angle_rad", "shift_x_px", "shift_y_px", "magnification", "psf_px", "ambient")
 
