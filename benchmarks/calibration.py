@@ -35,7 +35,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_values, with_optical_values
 from warp_caustics.simulator import CausticSimulator
 
-PIXELS, LIGHT_PIXELS, SAMPLES = 256, 384, 128
+PIXELS, LIGHT_PIXELS, SAMPLES = 128, 192, 64
 KINDS: dict[str, dict[str, Any]] = {
     "careful": {
         "gap_m": 1e-5, "base_thickness_m": 5e-6, "index_offset": 2e-4, "tilt": 5e-4, "lamp": (1e-3, 3e-3),
@@ -119,7 +119,7 @@ def printed(seed: int) -> KnownPlate:
     """A design of twelve lines, 0.2 to 0.4 mm high."""
     g = np.random.default_rng(10_000 + seed)
     lines = [
-        Line(tuple(ends[:2]), tuple(ends[2:]), g.uniform(2e-3, 4e-3), g.uniform(2e-4, 4e-4))
+        Line(tuple(ends[:2]), tuple(ends[2:]), g.uniform(3e-3, 5e-3), g.uniform(2e-4, 4e-4))
         for ends in g.uniform(-0.02, 0.02, (12, 4))
     ]
 
@@ -144,8 +144,8 @@ def photographed(
     heights, modes = plate.surface(scene)
     for p, mode in zip(plate.parameters, modes, strict=True):
         heights = heights + g.normal(0, p.prior) * mode
-    light = CausticSimulator(fine, n_photons=(7 * PIXELS) ** 2, placement="stratified", seed=seed)
-    even = CausticSimulator(fine, n_photons=(4 * PIXELS) ** 2)
+    light = CausticSimulator(fine, n_photons=(11 * PIXELS) ** 2, placement="stratified", seed=seed)
+    even = CausticSimulator(fine, n_photons=(6 * PIXELS) ** 2)
     camera = Camera(config, fine)
     flat = even(torch.zeros(SAMPLES, SAMPLES))
     frames = photographs(camera, light(heights.float()), flat, seed)
@@ -195,7 +195,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--benches", type=int, default=8, help="of each kind")
     parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--finest", type=int, default=128)
+    parser.add_argument("--finest", type=int, default=64)
     parser.add_argument("--output", type=Path, default=Path("benchmarks/calibration.json"))
     options = parser.parse_args()
     records = []

@@ -244,8 +244,8 @@ def _record(
         "parameters": [
             {
                 "name": f.parameter.name, "capture": f.view, "unit": f.parameter.unit, "value": f.value,
-                "sigma": f.sigma, "noise_sigma": f.noise_sigma, "before": f.before, "prior": f.parameter.prior, "left": f.remaining,
-                "verdict": f.verdict,
+                "sigma": f.sigma, "noise_sigma": f.noise_sigma, "before": f.before,
+                "prior": f.parameter.prior, "left": f.remaining, "verdict": f.verdict,
             }
             for f in found.found
         ],

@@ -153,8 +153,7 @@ class ViewModel:
     def _light_changes(
         self, heights: torch.Tensor, theta: torch.Tensor
     ) -> tuple[torch.Tensor, list[torch.Tensor | None], list[int]]:
-        """Change of light per unit of each number of light, plate and screen, that of the flat frame, and their
-        places."""
+        """Change of light per unit of each number of the set-up, that of the flat frame, and their places."""
         steps = optical_steps(self.setup.scene(theta))
         changes, flat_changes, numbers = [], [], []
         for number, parameter in enumerate(self.setup.parameters):
@@ -172,8 +171,7 @@ class ViewModel:
     def _between(
         self, heights: torch.Tensor, theta: torch.Tensor, number: int, ends: tuple[float, float]
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Slope of light and of the flat frame's between two values of one parameter, by its square where that
-        counts."""
+        """Slope of light and of the flat frame's between two values of a parameter, or of its square."""
         behind, ahead = theta.clone(), theta.clone()
         behind[number], ahead[number] = ends
         squared = self.setup.parameters[number].is_squared
@@ -202,8 +200,7 @@ class ViewModel:
     def _camera_columns(
         self, columns: torch.Tensor, light: torch.Tensor, flat: torch.Tensor, theta: torch.Tensor
     ) -> None:
-        """Fill in derivatives by the camera. A picture that is in its place already is not placed again for its
-        blur."""
+        """Fill in derivatives by the camera; a picture that is in its place is not placed again for its blur."""
         names = [p.group for p in self.setup.parameters]
         exact = self.setup.camera(theta, device=self.device)
         plain = self._operator(theta, ())
