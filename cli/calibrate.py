@@ -65,7 +65,7 @@ MOST_ADVICE = 3
     help="Per side of the last level, at most.",
 )
 @click.option(
-    "--iterations", type=integer, default="5", show_default=True, help="Of the descent on the last level, at most."
+    "--iterations", type=integer, default="8", show_default=True, help="Of the descent on the last level, at most."
 )
 @click.option("--advice/--no-advice", default=True, show_default=True, help="Say what to measure or photograph next.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")

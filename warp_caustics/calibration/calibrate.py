@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from warp_caustics.calibration.captures import Captures, Own
+from warp_caustics.calibration.captures import OVERSAMPLING, Captures, Own
 from warp_caustics.calibration.coordinates import Coordinates
 from warp_caustics.calibration.least_squares import Solution, minimised
 from warp_caustics.calibration.posterior import Posterior, posterior
@@ -36,10 +36,12 @@ BLURS_PX = (1.5, 0.7)
 """That coarse images are looked at through, coarsest first; the finest is looked at as it is."""
 PHOTONS, FINEST_PHOTONS = 2, 4
 """Light paths along a pixel's side, coarse and finest; footprints of the last blur by an eighth of a pixel."""
+MORE_PHOTONS = 1.5
+"""Light paths along a side of the simulation that tells how far the fitted one is off, in those of that."""
 LEAST_PHOTONS = 512
 """Along the window's side on the finest level: footprints widen lines of the relief and the lamp. With 192 the width of
 lines 2 mm wide comes out 2 % off."""
-ITERATIONS, FINEST_ITERATIONS = 10, 5
+ITERATIONS, FINEST_ITERATIONS = 10, 8
 NOT_SHARED = ("gain",)
 """Groups that each capture has for itself, as its brightness."""
 LIGHT_GROUPS = ("light_x", "light_y", "light_xx", "light_xy", "light_yy")
@@ -252,7 +254,12 @@ def calibrate(
     assert solution is not None
     normal = captures.normal(solution.x)
     information = normal.information + torch.eye(len(solution.x), dtype=torch.float64)
-    spread = posterior(information, captures.scores(solution.x))
+    finer = Captures(
+        setup, views, own, coordinates, levels[-1], border_px=border_px, oversampling=OVERSAMPLING + 1,
+        photons=int(MORE_PHOTONS * _photons(captures.pixels, True, photons)), device=device,
+    )  # fmt: skip
+    pull = captures.pull(solution.x, finer.models_at(solution.x))
+    spread = posterior(information, captures.scores(solution.x), pull)
     found = _found(setup, views, coordinates, solution, spread)
     fits = _fits(captures, start, solution.x)
     count = len(setup.parameters)

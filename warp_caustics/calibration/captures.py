@@ -61,6 +61,7 @@ class Captures:
         blur_px: Gaussian that image and model are looked at through [large px]; 0 is none.
         border_px: small pixels on all sides that do not count.
         photons: light paths along each side, at least; footprints should be small against pixels and relief.
+        oversampling: simulated pixels along the side of one that is looked at.
         device: where to simulate.
     """
 
@@ -75,13 +76,14 @@ class Captures:
         blur_px: float = 0.0,
         border_px: int = 8,
         photons: int = 256,
+        oversampling: int = OVERSAMPLING,
         device: str | torch.device = "cpu",
     ):
         self.setup, self.views, self.own, self.coordinates = setup, tuple(views), tuple(own), coordinates
         self.factor, self.blur_px = factor, blur_px
         assert setup.camera_config is not None
         # Simulated pixels are finer than those that are looked at.
-        fine = factor / OVERSAMPLING
+        fine = factor / oversampling
         scene = enlarged_scene(setup.nominal_scene, fine)
         ranges = {p.name: (p.low / fine, p.high / fine) for p in setup.parameters if p.unit == "px"}
         ranges |= {p.name: (p.low, p.high) for p in setup.parameters if p.unit != "px"}
@@ -100,7 +102,7 @@ class Captures:
         for view in self.views:
             heights, modes = view.plate.surface(scene)
             self.models.append(
-                ViewModel(small, heights, modes, view.is_divided, device, OVERSAMPLING, n_photons=side**2)
+                ViewModel(small, heights, modes, view.is_divided, device, oversampling, n_photons=side**2)
             )
         large = [view.binned(factor) for view in self.views]
         border = -(-border_px // factor)
@@ -166,6 +168,20 @@ class Captures:
             blocks = pulls[:, :kept, :kept].reshape(len(x), kept // size, size, kept // size, size).sum((2, 4))
             found.append(blocks.flatten(1).T.cpu())
         return torch.cat(found)
+
+    def pull(self, x: torch.Tensor, others: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Gradient by x if the model showed something else, less that of what it shows, shape [P].
+
+        Args:
+            x: where.
+            others: of another simulation, shape [C, m, m] each.
+        """
+        total = torch.zeros(len(x), dtype=torch.float64)
+        for k, looked in enumerate(self.looked(x)):
+            _, weight = huber(looked.residual)
+            change = self._residual(k, others[k]) - looked.residual
+            total += (looked.columns.flatten(1) @ (weight * change).flatten()).cpu()
+        return total
 
     def looked(self, x: torch.Tensor) -> Iterator[Looked]:
         """Each view with its derivatives."""

@@ -7,7 +7,9 @@ together over many pixels, different parts of the image say different things. Th
 
 (Huber, 1967; Cameron and Miller, A practitioner's guide to cluster-robust inference, 2015, eq. 10, with the prior's
 unit
-information). Of each number the larger deviation of both is told, and correlations are those of noise.
+information). Of each number the larger deviation of both is told. The simulation itself errs: finer pixels and more
+light paths would move the
+numbers by d = H^-1 J^T W (change of the images), and d d^T is added, as if that were not known to either side.
 """
 
 from typing import NamedTuple
@@ -22,28 +24,30 @@ class Posterior(NamedTuple):
         covariance: told, shape [P, P].
         noise_covariance: what noise alone leaves, shape [P, P].
         inflation: by how much residuals enlarge each deviation, at least 1, shape [P].
+        numerical: by how much a finer simulation would move each number, shape [P].
     """
 
     covariance: torch.Tensor
     noise_covariance: torch.Tensor
     inflation: torch.Tensor
+    numerical: torch.Tensor
 
 
-def posterior(information: torch.Tensor, scores: torch.Tensor) -> Posterior:
+def posterior(information: torch.Tensor, scores: torch.Tensor, pull: torch.Tensor) -> Posterior:
     """The spread at the end of a descent.
 
     Args:
         information: of data and priors, shape [P, P].
         scores: pulls of blocks, shape [B, P].
+        pull: of what a finer simulation shows beside the one that was fitted, shape [P].
     """
     scale = information.diagonal().rsqrt()
     inverse = torch.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
     inverse = (inverse + inverse.T) / 2
-    count = len(scores)
-    if count < 2:
-        return Posterior(inverse, inverse, torch.ones(len(inverse), dtype=torch.float64))
+    count, numerical = len(scores), inverse @ pull
     apart = scores - scores.mean(0)
     meat = apart.T @ apart * (count / (count - 1)) + torch.eye(len(inverse), dtype=torch.float64)
     sandwich = inverse @ meat @ inverse
     inflation = (sandwich.diagonal() / inverse.diagonal()).clamp_min(1.0).sqrt()
-    return Posterior(inverse * inflation[:, None] * inflation, inverse, inflation)
+    told = inverse * inflation[:, None] * inflation + numerical[:, None] * numerical
+    return Posterior(told, inverse, inflation, numerical)

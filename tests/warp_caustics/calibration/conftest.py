@@ -5,31 +5,38 @@ import torch
 
 from warp_caustics import CausticSimulator
 from warp_caustics.calibration.flat_light import flat_light
-from warp_caustics.calibration.view import View
+from warp_caustics.calibration.view import View, enlarged_camera, enlarged_scene
 from warp_caustics.camera.config import CameraConfig
 from warp_caustics.camera.operator import Camera
 from warp_caustics.camera.parameters import camera_parameters
 from warp_caustics.scene import Scene
 
-PIXELS, PHOTONS = 40, 120
+PIXELS, PHOTONS = 40, 330
 SCENE = Scene(
     height_samples=32, image_pixels=PIXELS, wavelengths_m=(530e-9,), radiosity_W_m2=(1.0,),
     screen_position_m=(0, 0, -3e-3), lamp_half_angle_rad=8e-3,
 )  # fmt: skip
 CAMERA = CameraConfig(psf_px=0.7, ambient=0.02)
+NAMES = (
+    "gap_m", "tilt_x_rad", "lamp_half_angle_rad", "shift_x_px", "shift_y_px", "magnification", "psf_px", "ambient",
+)  # fmt: skip
 
 
 def capture(scene, camera, plate, noise, seed, *, name="plate", is_divided=True, photons=PHOTONS, modes=()):
     """What a bench would give: the plate's light through the camera, divided by the flat frame's, with noise."""
-    heights, changes = plate.surface(scene)
+    # Pixels three times as fine, which the camera's are means of: pictures that are moved keep what lies between pixels.
+    fine, eye = enlarged_scene(scene, 1 / 3), enlarged_camera(camera, 1 / 3)
+    heights, changes = plate.surface(fine)
     for value, change in zip(modes, changes, strict=False):
         heights = heights + value * change
-    simulator = CausticSimulator(scene, dtype=torch.float64, n_photons=photons**2)
-    eye = Camera(camera, scene, dtype=torch.float64)
-    image = eye(simulator(heights))
+    simulator = CausticSimulator(fine, dtype=torch.float64, n_photons=photons**2)
+    lens = Camera(eye, fine, dtype=torch.float64)
+    image = lens(simulator(heights))
     if is_divided:
         level = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)[:, None, None]
-        image = level * image / eye(flat_light(scene, scene.image_pixels))
+        image = level * image / lens(flat_light(fine, fine.image_pixels))
+    m = scene.image_pixels
+    image = image.reshape(len(image), m, 3, m, 3).mean((2, 4))
     drawn = np.random.default_rng(seed).standard_normal(image.shape)
     seen = image.numpy() + noise * np.sqrt(0.3 + 0.7 * np.maximum(image.numpy(), 0)) * drawn
     return View(name, plate, seen, np.full(len(seen), max(noise, 1e-4)), is_divided=is_divided)
