@@ -14,10 +14,12 @@ from warp_caustics.setup.set_up import SetUp
 
 MEDIAN_SQUARE = 0.4549
 """Of a standard normal number."""
-OVERSAMPLING = 2
-"""Simulated pixels along the side of one that is looked at: with one, a picture moved by parts of a pixel is off by
-more than
-the noise, and lamp and blur make up for it."""
+OVERSAMPLING = 3
+"""Simulated pixels along the side of one that is looked at: a picture moved by parts of a pixel before it is blurred
+needs
+finer ones. With two a shift with 1 % noise came out 0.07 pixels beside its place, made up for by a tilt of 17 mrad,
+at four
+times their deviation; four and six change nothing more."""
 BLOCKS = 16
 """Along each side, for the scatter of what different parts of an image say."""
 LEAST_BLOCK_PX = 4

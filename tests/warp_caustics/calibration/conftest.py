@@ -24,8 +24,8 @@ NAMES = (
 
 def capture(scene, camera, plate, noise, seed, *, name="plate", is_divided=True, photons=PHOTONS, modes=()):
     """What a bench would give: the plate's light through the camera, divided by the flat frame's, with noise."""
-    # Pixels three times as fine, which the camera's are means of: pictures that are moved keep what lies between pixels.
-    fine, eye = enlarged_scene(scene, 1 / 3), enlarged_camera(camera, 1 / 3)
+    # Pixels four times as fine, which the camera's are means of: pictures that are moved keep what lies between pixels.
+    fine, eye = enlarged_scene(scene, 1 / 4), enlarged_camera(camera, 1 / 4)
     heights, changes = plate.surface(fine)
     for value, change in zip(modes, changes, strict=False):
         heights = heights + value * change
@@ -36,7 +36,7 @@ def capture(scene, camera, plate, noise, seed, *, name="plate", is_divided=True,
         level = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)[:, None, None]
         image = level * image / lens(flat_light(fine, fine.image_pixels))
     m = scene.image_pixels
-    image = image.reshape(len(image), m, 3, m, 3).mean((2, 4))
+    image = image.reshape(len(image), m, 4, m, 4).mean((2, 4))
     drawn = np.random.default_rng(seed).standard_normal(image.shape)
     seen = image.numpy() + noise * np.sqrt(0.3 + 0.7 * np.maximum(image.numpy(), 0)) * drawn
     return View(name, plate, seen, np.full(len(seen), max(noise, 1e-4)), is_divided=is_divided)
