@@ -103,7 +103,15 @@ def test_other_commands_take_the_bench(bench_folder, found, tmp_path, capsys):
     frames = ["--dark", str(bench_folder / "lens_dark.tif"), "--flat", str(bench_folder / "lens_flat.tif")]
     assert main(["capture", str(bench_folder / "lens.tif"), "-o", str(tmp_path / "light.npy"), *frames, *given]) == 0
     assert "bench" in json.loads(capsys.readouterr().out)["inputs"]
-    result = ["reconstruct", str(bench_folder / "lens.tif"), *frames, "-o", str(tmp_path / "heights"), "--device", "cpu"]
+    result = [
+        "reconstruct",
+        str(bench_folder / "lens.tif"),
+        *frames,
+        "-o",
+        str(tmp_path / "heights"),
+        "--device",
+        "cpu",
+    ]
     options = ["--method", "refine", "--max-iterations", "1", "--set", "scene.height_samples=24"]
     assert main([*result, *options, *given]) == 0
     capsys.readouterr()
