@@ -9,7 +9,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
-from cli.options import config_options, json_option
+from cli.options import bench_option, config_options, json_option
 
 if TYPE_CHECKING:
     from cli.config import Config
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     "--exposure-times", metavar="S,S,...", help="Exposure time of each PHOTO [s], to merge several of one view."
 )
 @click.option("--force", is_flag=True, help="Replace files that exist.")
+@bench_option
 @capture_options
 @config_options
 @json_option
@@ -37,6 +38,7 @@ def capture(
     mask: str | None,
     exposure_times: str | None,
     force: bool,
+    bench: str | None,
     capture: Mapping[str, Any],
     config_source: str | None,
     settings: tuple[str, ...],
@@ -55,14 +57,14 @@ def capture(
     from warp_caustics.io.images import write_image
 
     console = Console(as_json)
-    config = load_config(config_source, settings)
+    config = load_config(config_source, settings, bench=bench)
     times = _times(photos, exposure_times)
     photo = photos[0] if times is None else None
     options = dict(capture)
     if times is not None:
         options["frames"] = [{"file": name, "exposure_s": time} for name, time in zip(photos, times, strict=True)]
     how = capture_settings(options, photo)
-    files = capture_files(photo, how)
+    files = capture_files(photo, how) | ({} if bench is None else {"bench": bench})
     _check_outputs({"--output": output, "--stages": stages, "--mask": mask}, files, force)
     found = read_capture(photo, config.scene, how)
     console.warn(*found.warnings)

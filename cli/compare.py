@@ -9,7 +9,7 @@ import rich_click as click
 
 from cli.cells import CellProgress
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, number
+from cli.options import bench_option, config_options, device_option, integer, json_option, number
 from cli.parts_progress import parts_progress
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, InputError
@@ -51,6 +51,7 @@ OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.h
 )
 @click.option("--jobs", type=integer, default=1, show_default=True, help="Processes; times are longer with several.")
 @click.option("--force", is_flag=True, help="Compute all cells anew.")
+@bench_option
 @device_option
 @config_options
 @json_option
@@ -65,6 +66,7 @@ def compare(
     n_photons: int | None,
     jobs: int,
     force: bool,
+    bench: str | None,
     device: str,
     config_source: str | None,
     settings: tuple[str, ...],
@@ -81,7 +83,7 @@ def compare(
     from warp_caustics.io.journal import journal_path, only_writer
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
-    config = load_config(config_source, settings)
+    config = load_config(config_source, settings, bench=bench)
     photons = _photons(n_photons or config.data.clean.n_photons)
     _check_noise(noise)
     console = Console(as_json)

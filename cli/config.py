@@ -163,6 +163,7 @@ def load_config(
     overrides: Mapping[str, Any] | None = None,
     *,
     also: Sequence[Path] = (),
+    bench: str | None = None,
 ) -> Config:
     """The configuration of one run; later sources win.
 
@@ -171,6 +172,7 @@ def load_config(
         settings: ``key.key=value`` as given to --set, values in YAML.
         overrides: dotted key to value, from other options; None is left out.
         also: more files, read after the first.
+        bench: bench.yaml of a calibration, whose scene comes after the files; None is none.
 
     Raises:
         InputError: unreadable, unknown keys, or values out of range.
@@ -178,6 +180,10 @@ def load_config(
     tree: dict[str, Any] = Config().model_dump(mode="json")
     for path in [*([] if source is None else [config_path(source)]), *also]:
         tree = merged(tree, read_yaml(path), f"{path}: ")
+    if bench is not None:
+        from warp_caustics.calibration.bench_file import read_bench
+
+        tree = merged(tree, {"scene": read_bench(bench).scene}, f"{bench}: ")
     for setting in settings:
         tree = merged(tree, parsed_setting(setting), f"--set {shortened(setting)}: ")
     for key, value in (overrides or {}).items():

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, length, number
+from cli.options import bench_option, config_options, device_option, integer, json_option, length, number
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED
 
@@ -69,6 +69,7 @@ PATENTS = (
 @click.option("--max-iterations", type=integer, help="Descent steps per image size, at most. [default: 50]")
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
+@bench_option
 @device_option
 @config_options
 @json_option
@@ -88,6 +89,7 @@ def design(
     max_iterations: int | None,
     max_time: float | None,
     force: bool,
+    bench: str | None,
     device: str,
     config_source: str | None,
     settings: tuple[str, ...],
@@ -104,12 +106,15 @@ def design(
 
     console = Console(as_json)
     kind = ResultKind("design", DESIGN_FILES)
-    folder = check_target(output, force, kind, [target, *config_files(config_source)])
+    folder = check_target(
+        output, force, kind, [target, *config_files(config_source), *([] if bench is None else [bench])]
+    )
     overrides = {
         "scene.plate_size_m": None if plate_size is None else [plate_size, plate_size],
         "scene.base_thickness_m": base_thickness,
     }
-    config = load_config(config_source, (*(DEFAULT_SETTINGS if config_source is None else ()), *settings), overrides)
+    usual = DEFAULT_SETTINGS if config_source is None else ()
+    config = load_config(config_source, (*usual, *settings), overrides, bench=bench)
     screen_m = -config.scene.screen_position_m[2]
     if screen_distance is None and screen_m > CONTACT_M:
         screen_distance = screen_m

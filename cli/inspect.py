@@ -7,7 +7,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
-from cli.options import config_options, device_option, json_option, number
+from cli.options import bench_option, config_options, device_option, json_option, number
 from cli.options import plate_length as length
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ SECTIONS = ("cosine", "quarter")
     help="IMAGE is a folder; look for new images so often, until Ctrl-C.",
 )
 @click.option("--force", is_flag=True, help="Replace earlier results; of many plates, inspect each again.")
+@bench_option
 @capture_options
 @device_option
 @config_options
@@ -83,6 +84,7 @@ def inspect(
     density: float | None,
     watch: float | None,
     force: bool,
+    bench: str | None,
     capture: Mapping[str, Any],
     device: str,
     config_source: str | None,
@@ -111,12 +113,12 @@ def inspect(
         raise click.BadParameter("give seconds above 0 and one folder of images", param_hint="--watch")
     console = Console(as_json)
     found = images[0] if watch is not None else image_list(images)
-    config = load_config(config_source, settings, {})
+    config = load_config(config_source, settings, {}, bench=bench)
     capture_settings(capture)  # what is wrong with it is wrong for every image
     design = read_nominal(nominal, config.scene, section, highest_m=max_height)
     if find_lines:
         design = with_lines(design, nominal, config.scene)
-    files = {"nominal": nominal} | ({} if mask is None else {"mask": mask})
+    files = {"nominal": nominal, "mask": mask, "bench": bench}
     job = InspectionJob(
         config=config,
         nominal=design,
@@ -124,7 +126,7 @@ def inspect(
         tolerance_m=tolerance,
         margin_m=margin,
         density_kg_m3=density,
-        files=files,
+        files={role: path for role, path in files.items() if path is not None},
         capture=capture,
         device=device,
         force=force,

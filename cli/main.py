@@ -24,6 +24,7 @@ COMMANDS = {
     "bench": "cli.bench:bench",
     "plan": "cli.plan:plan",
     "setup": "cli.setup_cmd:setup",
+    "calibrate": "cli.calibrate:calibrate",
     "simulate": "cli.simulate:simulate",
     "capture": "cli.capture:capture",
     "design": "cli.design:design",

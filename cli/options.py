@@ -88,6 +88,16 @@ def config_options(command: Command) -> Command:
     )(command)
 
 
+def bench_option(command: Command) -> Command:
+    """Adds --bench: scene and camera as they were calibrated; the command gets the file's path, ``bench``."""
+    option = click.option(
+        "--bench",
+        type=click.Path(),
+        help="bench.yaml of nsfc calibrate: the scene is that of the bench; --set wins over it.",
+    )
+    return option(command)
+
+
 def device_option(command: Command) -> Command:
     """Adds --device."""
     text = "cpu, cuda or cuda:N; auto takes cuda where there is one."

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from warp_caustics.scene import Scene
     from warp_caustics.simulator import CausticSimulator
 
+BENCH_CAMERA = "bench"
+"""Value of --camera that is no name; a file of that name is ./bench."""
 SATURATED = 0.01
 """Share of saturated pixels that is worth a warning; ``nsfc capture`` warns from there on, too."""
 
@@ -43,6 +45,21 @@ def camera_config(source: str) -> CameraConfig:
     return read_camera(shipped[source])
 
 
+def camera_source(source: str, bench: str | None) -> str | CameraConfig:
+    """What a --camera value means beside --bench: ``bench`` is the camera that was calibrated.
+
+    Raises:
+        InputError: ``bench`` without one.
+    """
+    if source != BENCH_CAMERA:
+        return source
+    if bench is None:
+        raise InputError("--camera bench is that of a calibrated bench; give its file with --bench bench.yaml")
+    from warp_caustics.calibration.bench_file import read_bench
+
+    return read_bench(bench).camera
+
+
 @dataclass(frozen=True, eq=False)
 class PhotoJob:
     """A photo that can be taken, all of it checked.
@@ -59,7 +76,14 @@ class PhotoJob:
 
     @classmethod
     def checked(
-        cls, source: str, output: str, scene: "Scene", inputs: Sequence[Any], *, noise: float, force: bool
+        cls,
+        source: str | CameraConfig,
+        output: str,
+        scene: "Scene",
+        inputs: Sequence[Any],
+        *,
+        noise: float,
+        force: bool,
     ) -> "PhotoJob":
         """Refuse a camera or an output that cannot be used before the simulation instead of after it."""
         from cli.output import check_file
@@ -68,8 +92,8 @@ class PhotoJob:
             raise InputError(
                 f"--noise {noise:g} and --camera exclude each other; the camera's sensor has its own noise"
             )
-        config = camera_config(source)
-        if "/" in source or "." in source:
+        config = source if isinstance(source, CameraConfig) else camera_config(source)
+        if isinstance(source, str) and ("/" in source or "." in source):
             inputs = [*inputs, source]
         files = photograph_files(output, Camera(config, scene))
         if not files["photo"].parent.is_dir():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, json_option, length
+from cli.options import bench_option, config_options, json_option, length
 
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 @click.option(
     "--lamp-distance", type=length, metavar="LENGTH", help="Without a collimator: of the lamp, above the plate."
 )
+@bench_option
 @config_options
 @json_option
 def plan(
@@ -30,6 +31,7 @@ def plan(
     lamp_size: float | None,
     focal_length: float | None,
     lamp_distance: float | None,
+    bench: str | None,
     config_source: str | None,
     settings: tuple[str, ...],
     as_json: bool,
@@ -48,7 +50,7 @@ def plan(
     from warp_caustics.plan import Fibre, told_m
     from warp_caustics.plan import plan as planned
 
-    scene = _placed(load_config(config_source, settings).scene, screen_distance, lamp_distance)
+    scene = _placed(load_config(config_source, settings, bench=bench).scene, screen_distance, lamp_distance)
     away_m = focal_length if focal_length is not None else lamp_distance
     half_angle = math.atan(lamp_size / 2 / away_m) if lamp_size is not None and away_m else 0.0
     fibre = Fibre(fibre_width, fibre_height)

@@ -7,7 +7,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, number
+from cli.options import bench_option, config_options, device_option, integer, json_option, number
 from warp_caustics.errors import EXIT_INTERRUPTED
 
 TRANSPORT = "transport"
@@ -33,6 +33,7 @@ TRANSPORT = "transport"
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
+@bench_option
 @device_option
 @config_options
 @json_option
@@ -46,6 +47,7 @@ def reconstruct(
     max_iterations: int | None,
     max_time: float | None,
     force: bool,
+    bench: str | None,
     seed: int | None,
     device: str,
     config_source: str | None,
@@ -75,9 +77,10 @@ def reconstruct(
             "reconstruction.options.max_iterations": max_iterations,
             "reconstruction.options.max_time_s": max_time,
         },
+        bench=bench,
     )
     start = None if initial == TRANSPORT else initial
-    files = {"initial": start, "reference": reference}
+    files = {"initial": start, "reference": reference, "bench": bench}
     capture_settings(capture)  # what is wrong with it is wrong for every image
     job = Job(
         config=config,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, json_option, number
+from cli.options import bench_option, config_options, device_option, json_option, number
 from warp_caustics.device import start_device
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ _SAMPLES = "scene.height_samples"
     metavar="N|lines",
     help="N x N splines over the plate, 0 for heights that are known, or every number of the printed lines.",
 )
+@bench_option
 @device_option
 @config_options
 @json_option
@@ -61,6 +62,7 @@ def setup(
     noise: float,
     border: int,
     unknown_heights: str,
+    bench: str | None,
     device: str,
     config_source: str | None,
     settings: tuple[str, ...],
@@ -73,7 +75,7 @@ def setup(
     """
     from warp_caustics.errors import InputError
 
-    scene, relief = _plate(heights, config_source, settings)
+    scene, relief = _plate(heights, config_source, settings, bench)
     if not 0 <= border < scene.image_pixels // 2:
         raise InputError(f"--border {border} leaves nothing of {scene.image_pixels} pixels; use 0 to 16 or so")
     if noise <= 0:
@@ -86,8 +88,14 @@ def setup(
     from warp_caustics.setup.set_up import SetUp
 
     names = [name for given in free for name in given.split(",") if name] or None
-    view = None if camera is None else camera_config(camera)
-    made = SetUp.of(scene, view, names, priors=_priors(priors))
+    view, before = None if camera is None else camera_config(camera), _priors(priors)
+    if bench is not None:
+        from warp_caustics.calibration.bench_file import read_bench
+
+        calibrated = read_bench(bench)
+        view = calibrated.camera if view is None else view
+        before = calibrated.priors() | before
+    made = SetUp.of(scene, view, names, priors=before)
     unknown = _unknown(unknown_heights, heights, scene)
     model = SetUpModel(made, device=start_device(device))
     sigma = noise * _flat(model)
@@ -146,17 +154,19 @@ def setup(
     )
 
 
-def _plate(heights: str, config_source: str | None, settings: tuple[str, ...]) -> tuple["Scene", "torch.Tensor"]:
+def _plate(
+    heights: str, config_source: str | None, settings: tuple[str, ...], bench: str | None
+) -> tuple["Scene", "torch.Tensor"]:
     """The scene, with as many height samples as the map has unless it is told, and the relief."""
     from cli.config import load_config
     from warp_caustics.io.heights import read_heights
     from warp_caustics.prints.line_list import is_line_list
     from warp_caustics.prints.relief_file import read_relief
 
-    config = load_config(config_source, settings, {})
+    config = load_config(config_source, settings, {}, bench=bench)
     if config_source is None and not any(setting.strip().startswith(_SAMPLES) for setting in settings):
         samples = None if is_line_list(heights) else len(read_heights(heights))
-        config = load_config(None, settings, {_SAMPLES: samples})
+        config = load_config(None, settings, {_SAMPLES: samples}, bench=bench)
     scene = config.scene
 
     import torch

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import config_options, device_option, integer, json_option, number, seed_option
+from cli.options import bench_option, config_options, device_option, integer, json_option, number, seed_option
 from warp_caustics.device import start_device
 
 if TYPE_CHECKING:
@@ -31,9 +31,12 @@ _SAMPLES = "scene.height_samples"
 @click.option(
     "--camera",
     metavar="FILE|NAME",
-    help="YAML file of a camera, or careful, ordinary, poor: writes a photo of 16 bits with its dark and flat frames.",
+    help="YAML file of a camera, careful, ordinary, poor, or bench (that of --bench): writes a photo of 16 bits "
+    "with its "
+    "dark and flat frames.",
 )
 @click.option("--force", is_flag=True, help="Replace OUTPUT if it exists.")
+@bench_option
 @seed_option
 @device_option
 @config_options
@@ -48,6 +51,7 @@ def simulate(
     placement: str | None,
     camera: str | None,
     force: bool,
+    bench: str | None,
     seed: int | None,
     device: str,
     config_source: str | None,
@@ -73,19 +77,19 @@ def simulate(
     if not 0 <= noise <= 1:
         raise InputError(f"--noise {noise:g} is not between 0 and 1, parts of flat light; 0.01 is 1 %")
     overrides = {f"simulation.{key}": value for key, value in options.items()}
-    config = load_config(config_source, settings, overrides)
+    config = load_config(config_source, settings, overrides, bench=bench)
     if config_source is None and not any(setting.strip().startswith(_SAMPLES) for setting in settings):
-        config = load_config(None, settings, {**overrides, _SAMPLES: _samples_of(heights)})
+        config = load_config(None, settings, {**overrides, _SAMPLES: _samples_of(heights)}, bench=bench)
     scene = config.scene
     relief = read_relief(heights, scene.height_samples, scene.plate_size_m, "height map")
-    inputs: list[str | Path] = [heights, *config_files(config_source)]
+    inputs: list[str | Path] = [heights, *config_files(config_source), *([] if bench is None else [bench])]
     check_file(output, force, inputs)
     if camera is None:
         _check_output(output, config.scene)
     else:
-        from cli.photo_job import PhotoJob
+        from cli.photo_job import PhotoJob, camera_source
 
-        photo = PhotoJob.checked(camera, output, scene, inputs, noise=noise, force=force)
+        photo = PhotoJob.checked(camera_source(camera, bench), output, scene, inputs, noise=noise, force=force)
 
     import torch
 

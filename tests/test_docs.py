@@ -30,6 +30,12 @@ RUN = [
     (r"nsfc (env|config) ", {}, ()),
     (r"nsfc weights ", {}, ()),
     (r"nsfc plan ", {}, ()),
+    (
+        r"nsfc calibrate print.tif .*scene",
+        {},
+        ("--free", "gap_m", "--iterations", "1", "--no-advice", "--border", "4", "--finest", "32", *SMALL),
+    ),
+    (r"nsfc calibrate ", None, "photos of the reader's own; tests/cli/test_calibrate.py runs small ones"),
     (r"nsfc setup .*lines", None, "a list of lines of the reader's own; tests/cli/test_setup.py has one"),
     (r"nsfc setup ", {}, ("--border", "4", "--unknown-heights", "1", *SMALL)),
     (r"nsfc simulate .*--camera \./", None, "a file of the page; tests/cli/test_simulate_camera.py reads it"),

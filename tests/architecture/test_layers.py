@@ -30,6 +30,7 @@ LAYERS = {
         "simulator oracle",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
         "setup capture reconstruct",
+        "calibration",
         "inspection design",
     ),
     "warp_caustics.reconstruct": (

@@ -1,0 +1,1 @@
+"""What ``nsfc calibrate`` reads and writes."""

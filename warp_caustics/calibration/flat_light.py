@@ -1,0 +1,54 @@
+"""Light behind a plate without relief, smooth: what a flat frame has divided out of a capture."""
+
+import torch
+
+from warp_caustics.errors import InputError
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+
+COARSE = 32
+"""Pixels of the simulation; light of a lamp bends over the whole window only."""
+BORDER = 3
+ORDER = 4
+"""Of the polynomial in x and y: a lamp as near as the plate is large is off by 1e-3."""
+
+
+def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
+    """Irradiance behind a flat plate [W/m^2], shape [n_w, m, m], float64 on the CPU; smooth up to the border.
+
+    Collimated light makes it even. That of a lamp falls off: a simulation in few pixels, and a polynomial through them.
+
+    Args:
+        scene: the bench.
+        pixels: m.
+
+    Raises:
+        InputError: no light in the window.
+    """
+    level = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)
+    if scene.is_collimated:
+        return level[:, None, None].expand(-1, pixels, pixels)
+    coarse = Scene.model_validate(
+        scene.model_dump() | {"image_pixels": COARSE, "height_samples": 8, "lamp_radius_m": 0.0}
+    )
+    with torch.no_grad():
+        image = CausticSimulator(coarse, device="cpu", dtype=torch.float64)(torch.zeros(8, 8, dtype=torch.float64))
+    inner = image[:, BORDER:-BORDER, BORDER:-BORDER]
+    if not bool((inner.mean((1, 2)) > 0).any()):
+        raise InputError("no light of the lamp reaches the window; check its place and the screen's")
+    along = _powers(COARSE)[BORDER:-BORDER]
+    design = _products(along).flatten(0, 1)
+    fitted = torch.linalg.lstsq(design, inner.flatten(1).T).solution
+    result: torch.Tensor = (_products(_powers(pixels)) @ fitted).permute(2, 0, 1)
+    return result
+
+
+def _powers(pixels: int) -> torch.Tensor:
+    at = (2 * torch.arange(pixels, dtype=torch.float64) + 1) / pixels - 1
+    return torch.stack([at**k for k in range(ORDER + 1)], dim=1)
+
+
+def _products(along: torch.Tensor) -> torch.Tensor:
+    """x^i y^j up to the order, shape [m, m, K]."""
+    pairs = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
+    return torch.stack([along[None, :, i] * along[:, None, j] for i, j in pairs], dim=-1)
