@@ -23,6 +23,7 @@ DIRECT = {"direct": "035b3b3b"}
 NSFC = {"denoiser": "d32ff12e", "updater": "5365d754"}
 ABLATIONS = {**NSFC, "updater-no-denoiser": "83330354", "updater-no-gradient": "e6ed5cbc"}
 OLD = {"direct": EARLIER}
+FAMILY = {"direct-family": "ef3547e3"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ PLACES = (
     # Stored figures, from which tests/test_figures.py checks the pages.
     Place("benchmarks/robustness_h200.json", '"weights"', DIRECT, f"{CONDITIONS}, on the CPU too; {OWN}; {COMPARE}"),
     Place("benchmarks/learned_h200.json", "iterations/full", ABLATIONS, LEARNED),
-    Place("benchmarks/bench.json", '"weights"', DIRECT, "make bench-lab"),
+    Place("benchmarks/bench.json", '"weights"', {**DIRECT, **FAMILY}, "make bench-lab"),
     # Pages.
     Place("README.md", "## What it reaches", {**DIRECT, **NSFC}, "benchmarks/robustness_h200.json, learned_h200.json"),
     Place("docs/start.md", "## Read the result", DIRECT, "make demo"),
@@ -70,13 +71,20 @@ PLACES = (
     Place("docs/any_image.md", "## What it costs", DIRECT, "python -m benchmarks.any_image --force"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),
     Place("docs/compare.md", "## Images of another renderer", OLD, "the command on the page"),
-    Place("docs/bench.md", "## Figures", DIRECT, "make bench-lab"),
+    Place("docs/bench.md", "## Figures", {**DIRECT, **FAMILY}, "make bench-lab"),
     Place("docs/inspect.md", "## How the plate is recovered", OLD, "python -m benchmarks.inspection"),
     Place("docs/inspect.md", "## Measured", OLD, "python -m benchmarks.inspection"),
     Place("docs/capture.md", "### Blur", OLD, CONDITIONS),
     Place("docs/capture.md", "## Measured", OLD, "nsfc capture, nsfc reconstruct --method direct of the photos there"),
-    Place("docs/training.md", "## The networks that ship", {**DIRECT, **ABLATIONS}, "nsfc weights info; metrics.csv"),
+    Place(
+        "docs/training.md",
+        "## The networks that ship",
+        {**DIRECT, **FAMILY, **ABLATIONS},
+        "nsfc weights info; metrics.csv",
+    ),
     Place("docs/training.md", "### The direct network", DIRECT, "the commands of its training, metrics.csv"),
+    Place("docs/training.md", "### The network that is told of its bench", FAMILY, "the same of its training"),
+    Place("docs/learned.md", "## Scenes", {**DIRECT, **FAMILY}, "nsfc bench run --suite lab --rows another"),
 )
 
 

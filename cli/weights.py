@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 USES = {
     "denoiser": "photon noise of simulated images, for nsfc",
     "direct": "image to heights, for direct, fibres, auto and inspect",
+    "direct-family": "the same on other benches, which it is told of",
     "updater": "the step of nsfc",
     "updater-no-denoiser": "the step of nsfc without its denoiser (ablation)",
     "updater-no-gradient": "the step of nsfc without the gradient (ablation)",

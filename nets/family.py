@@ -14,8 +14,10 @@ from warp_caustics.scene import Scene
 
 MOST_ASIDE = 0.05
 """Of the plate's width that the window may lie beside the plate's image: what it does not show is not known."""
-ROUNDING = 1e-6
-"""Beyond a range, in its parameter's scale."""
+BEYOND = 0.01
+"""How far beyond a range a bench may be, in its parameter's scale."""
+BEYOND_INDEX = 0.1
+"""The same of the index: 1 % of n - 1, by which heights are scaled anyway. Brings soda-lime glass in."""
 
 Ranges = Mapping[str, Sequence[float]]
 """Lowest and highest value by parameter of :mod:`nets.told`; ``light`` is the tangent of the light's angle aside."""
@@ -102,7 +104,8 @@ def _outside(seen: SeenScene, trained: Scene, family: Ranges) -> list[str]:
     scales = {row.name: row.scale for row in rows} | {"light": 0.02}
     found = []
     for key, (low, high) in family.items():
-        value, room = values.get(key, low), ROUNDING * scales.get(key, 1.0)
+        value = values.get(key, low)
+        room = (BEYOND_INDEX if key == "index" else BEYOND) * scales.get(key, 1.0)
         if not low - room <= value <= high + room:
             # In the user's own lengths.
             unit = 1 / seen.scale if key.endswith("_m") and key != "divergence_1_m" else 1.0

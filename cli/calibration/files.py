@@ -15,6 +15,7 @@ from warp_caustics.calibration.calibrate import TOLD, Calibration, Found
 from warp_caustics.io.atomic import write_text
 from warp_caustics.io.json_file import write_json
 from warp_caustics.io.page import render_page
+from warp_caustics.io.regular import read_regular
 
 BENCH, PAGE, RECORD, PICTURE = "bench.yaml", "report.html", "result.json", "residuals.png"
 CALIBRATION = ResultKind("calibration", (BENCH, PAGE, RECORD, PICTURE))
@@ -23,6 +24,9 @@ SHOWN_UNITS = {"m": (1e6, "um"), "rad": (1e3, "mrad")}
 STRONGEST = 0.7
 """Correlation from which pairs are named."""
 MOST_PAIRS = 40
+
+MAX_PICTURE_BYTES = 64_000_000
+"""Of the picture that was just drawn."""
 
 
 def bench_of(found: Calibration, inputs: Mapping[str, Any]) -> Bench:
@@ -50,7 +54,7 @@ def write_calibration(
     write_bench(folder / BENCH, bench_of(found, record["inputs"]))
     write_json(folder / RECORD, record)
     write_figure(folder / PICTURE, residual_figure(found))
-    picture = base64.b64encode((folder / PICTURE).read_bytes()).decode("ascii")
+    picture = base64.b64encode(read_regular(folder / PICTURE, MAX_PICTURE_BYTES)).decode("ascii")
     least, advised = told
     text = render_page(
         "cli.calibration",

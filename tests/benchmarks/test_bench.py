@@ -11,6 +11,8 @@ from data_gen.suites.suites import SUITES, suite_cases
 
 ROOT = Path(__file__).parents[2]
 
+WEIGHTS = {"direct": "", "direct-family": ""}
+
 
 def run(device="cpu", n_photons=None, plates=2, **others):
     scores = {"rmse_um": 12.34567, "rmse_aligned_um": 11.0, "slope_error": 0.1, "within_one": 0.5, "within_two": 0.9}
@@ -60,7 +62,7 @@ def test_the_page_counts_the_suites():
 
 def test_rows_of_more_plates_stay():
     tree = {"suites": {}}
-    weights = {"direct": "01234567"}
+    weights = {"direct": "01234567", "direct-family": "89abcdef"}
     collect(tree, run(plates=3), weights)
     collect(tree, run(plates=2, rmse_um=1.0), weights)
     found = tree["suites"]["lab"]["direct"]["careful"]
@@ -82,10 +84,10 @@ def test_trials_and_given_heights_are_not_stored():
 
 def test_cells_of_refusals_and_of_methods_without_uncertainty():
     tree = {"suites": {}}
-    collect(tree, run(plates=1, status="failed", reason="another scene", warned=None, explained=None), {"direct": ""})
+    collect(tree, run(plates=1, status="failed", reason="another scene", warned=None, explained=None), WEIGHTS)
     row = tree["suites"]["lab"]["direct"]["careful"]
     assert row["reasons"] == ["another scene"] and method_cells(row)[0] == "refused"
-    collect(tree, run(plates=2, within_one=None, within_two=None, warned=False, explained=None), {"direct": ""})
+    collect(tree, run(plates=2, within_one=None, within_two=None, warned=False, explained=None), WEIGHTS)
     assert method_cells(tree["suites"]["lab"]["direct"]["careful"]) == ["12.3", "11.0", "-", "0 of 2", "-"]
 
 
