@@ -24,6 +24,9 @@ MOST_OF_NOISE = 1.5
 """Ratio of what is left to noise and simulation error, up to which an image is explained."""
 MOST_IN_PLACES = 2.5
 """The same for one part of the image."""
+LEAST_NOISE = 2e-3
+"""Of the light of a flat plate, below which parts are not judged: no camera shows less, and where an image is
+simulated without noise even 1 um of heights would show."""
 PARTS = 32
 """Parts of the image per side, at most."""
 FEWEST_PIXELS = 8
@@ -103,7 +106,8 @@ def image_trust(
     noise = math.sqrt(float(expected.sum())) / light
     # Shot noise in bright parts, that of the camera in dark ones: the larger counts where a part is judged alone.
     grown = measurement.irradiance.clamp_min(1.0) / measurement.irradiance.clamp_min(0.05)
-    places = _unexplained_parts(left, model + expected * grown.double())
+    judged = torch.maximum(expected, (LEAST_NOISE * weight) ** 2)
+    places = _unexplained_parts(left, model + judged * grown.double())
     floor = math.hypot(noise, simulation)
     is_whole = residual <= MOST_OF_NOISE * floor
     is_explained = is_whole and places == 0
