@@ -51,6 +51,9 @@ COMPARE = "nsfc compare --testset"
 PLACES = (
     # Constants in the code.
     Place("nets/reconstruct/uncertainty.py", "DIRECT_CALIBRATION =", DIRECT, f"{OWN} --calibrate"),
+    Place(
+        "nets/reconstruct/uncertainty.py", "FAMILY_CALIBRATION =", FAMILY, "python -m benchmarks.family --told nearly"
+    ),
     Place("nets/reconstruct/refinement.py", "TRUSTED_M =", OLD, "--method direct on a bare plate with 1 % of noise"),
     Place("nets/reconstruct/refinement.py", "TRUSTED_BESIDE_CAMERA_M =", OLD, OWN),
     Place("nets/shipped.py", "FEWEST_STEPS =", {**DIRECT, **ABLATIONS}, "nsfc weights list"),
@@ -68,7 +71,7 @@ PLACES = (
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
-    Place("docs/any_image.md", "## What it costs", DIRECT, "python -m benchmarks.any_image --force"),
+    Place("docs/any_image.md", "## What it costs", {**DIRECT, **FAMILY}, "python -m benchmarks.any_image --force"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),
     Place("docs/compare.md", "## Images of another renderer", OLD, "the command on the page"),
     Place("docs/bench.md", "## Figures", {**DIRECT, **FAMILY}, "make bench-lab"),

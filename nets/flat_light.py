@@ -145,5 +145,7 @@ def rectified(image: torch.Tensor, scene: Scene) -> torch.Tensor:
     window = window_of(scene)
     if not (values[:, table.x : table.y + 2].any() or any(window)):
         return image
-    moved = FlatLight(table).rectified(image[None], values, torch.tensor([window], device=image.device))
+    moved = FlatLight(table).rectified(
+        image[None], values, torch.tensor([window], dtype=torch.float32, device=image.device)
+    )
     return moved[0].to(image.dtype)

@@ -142,7 +142,8 @@ def told_of(
     values = [*bench_values(scene), *(0.0 if value is None else value for value in camera)]
     known = [*(1.0 for _ in bench_values(scene)), *(float(value is not None) for value in camera)]
     device = table.centre.device
-    return torch.tensor([values], device=device), torch.tensor([known], device=device)
+    told, is_known = (torch.tensor([each], dtype=torch.float32, device=device) for each in (values, known))
+    return told, is_known
 
 
 def dropped(values: torch.Tensor, known: torch.Tensor, table: ToldTable) -> torch.Tensor:

@@ -7,6 +7,8 @@ from data_gen.config import ReliefConfig
 from nets.seen_scene import SeenScene
 from nets.weights import WeightsInfo
 
+COARSE = 0.75
+"""Pixels a side over the network's own, below which a picture shows less than those that the network knows."""
 NOTICED = 1.1
 """How much larger than it is a plate may look before the prints that a network knows are told."""
 
@@ -22,9 +24,16 @@ def unseen(seen: SeenScene, info: WeightsInfo) -> tuple[str, ...]:
 
 
 def _pictures(seen: SeenScene, info: WeightsInfo) -> Iterator[str]:
+    pictures = _config(info).get("pictures")
+    own, pixels = info.scene.image_pixels, seen.user.image_pixels
+    if pixels < COARSE * own and not (isinstance(pictures, dict) and pictures.get("coarse_share")):
+        yield (
+            f"the network was trained with {own} pixels a side, never with as few as {pixels}: edges of lines are "
+            "softer than any it knows; take a larger picture, or weights trained with --set "
+            "training.pictures.coarse_share=0.1"
+        )
     if seen.shown == info.scene.n_wavelengths:
         return
-    pictures = _config(info).get("pictures")
     key = "one_wavelength_share" if seen.shown == 1 else "two_wavelengths_share"
     if not (isinstance(pictures, dict) and pictures.get(key)):
         yield (

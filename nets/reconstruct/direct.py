@@ -9,7 +9,7 @@ from nets.reconstruct.network_grid import NetworkGrid
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.told_bench import ToldBench
-from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, uncertainty
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.replayed import Replayed
 from nets.shipped import find_network
 from nets.symmetries import all_symmetries, seen_in, turned_back
@@ -104,7 +104,7 @@ class Direct(Reconstructor):
         heights = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        spread = uncertainty(answers.double(), DIRECT_CALIBRATION)
+        spread = uncertainty(answers.double(), DIRECT_CALIBRATION if self.bench is None else FAMILY_CALIBRATION)
         no_spread = self._no_uncertainty(len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None
@@ -121,7 +121,7 @@ class Direct(Reconstructor):
                 heights,
                 timings["network"],
                 following(progress, len(history), log.started, "refinement, "),
-                None if spread is None else spread.cpu().numpy() / DIRECT_CALIBRATION.scale,
+                None if spread is None else answers.double().std(dim=0).cpu().numpy(),
             )
             reason = "max_time"
             if found is not None:

@@ -27,7 +27,7 @@ class ToldBench:
         self.table = ToldTable(trained, device)
         self.is_near = not scene.is_collimated
         self.light = FlatLight(self.table)
-        self.values = torch.tensor([[*bench_values(scene), 0.0, 0.0]], device=device)
+        self.values = torch.tensor([[*bench_values(scene), 0.0, 0.0]], dtype=torch.float32, device=device)
         self.height_scale = float(self.light.height_scale(self.values))
 
     def picture(self, image: torch.Tensor) -> torch.Tensor:

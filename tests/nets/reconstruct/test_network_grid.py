@@ -204,6 +204,18 @@ def test_a_network_that_saw_one_wavelength_does_not_warn(tmp_path, told_weights,
         assert sum("never with" in warning for warning in found) == warned
 
 
+def test_a_network_that_never_saw_few_pixels_warns(tmp_path, told_weights, scene):
+    from nets.weights import load_weights, save_weights
+
+    loaded = load_weights(told_weights)
+    training = {**loaded.info.training, "config": {"pictures": {"coarse_share": 0.1}}}
+    path = tmp_path / "coarse.safetensors"
+    save_weights(path, loaded.module, scene=scene, data_fingerprint=None, training=training)
+    for pixels, name, warned in ((32, told_weights, 1), (32, path, 0), (56, told_weights, 0), (128, told_weights, 0)):
+        found = find_network("direct", with_(scene, image_pixels=pixels), path=str(name), any_grid=True).warnings
+        assert sum("edges of lines are softer" in warning for warning in found) == warned
+
+
 def test_prints_that_look_larger_than_any_known_are_named(scene, saved):
     """On 30 mm lines of 4 mm look 6.7 mm wide; a network that saw such lines says nothing."""
     small = scaled(scene, 0.6)

@@ -1,5 +1,7 @@
 """``direct`` with a network that is told of its bench."""
 
+import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from nets.architecture import build
 from nets.family import check_family, family_of
 from nets.reconstruct.methods import create
 from nets.reconstruct.told_bench import ToldBench
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, Calibration, uncertainty
 from nets.residual_config import BackboneConfig, DirectConfig
 from nets.seen_scene import seen_scene
 from nets.shipped import FOLDER
@@ -138,3 +141,22 @@ def test_the_shipped_network_told_its_scene_answers_as_it_did(tmp_path):
     told = create("direct", scene, weights=str(path), **options).reconstruct(image)
     before = create("direct", scene, **options).reconstruct(image)
     assert np.abs(told.heights_m - before.heights_m).max() < 1e-6 * np.abs(before.heights_m).max()
+
+
+def test_uncertainty_has_a_floor_where_answers_share_what_is_told():
+    answers = torch.tensor([[[1.0, 3.0]], [[3.0, 3.0]]], dtype=torch.float64)
+    plain = Calibration(scale=1.5, within_one=0.7, within_two=0.9, fields=1, seed=0)
+    std = 2**0.5
+    torch.testing.assert_close(uncertainty(answers, plain), torch.tensor([[1.5 * std, 0.0]], dtype=torch.float64))
+    floor = 0.1 * (((2.0**2) + 3.0**2) / 2) ** 0.5
+    wanted = torch.tensor([[math.hypot(1.5 * std, floor), floor]], dtype=torch.float64)
+    torch.testing.assert_close(uncertainty(answers, dataclasses.replace(plain, floor=0.1)), wanted)
+    assert uncertainty(answers[:1], plain) is None
+    assert FAMILY_CALIBRATION.floor > 0 == DIRECT_CALIBRATION.floor
+
+
+def test_numbers_of_a_scene_may_be_numpys(weights, scene, heights):
+    bench = bench_scene(scene, **{name: np.float64(value) for name, value in NEAR.items()})
+    image = CausticImage(simulated(bench, heights).numpy())
+    result = create("direct", bench, weights=weights, refine=False).reconstruct(image)
+    assert np.isfinite(result.heights_m).all()
