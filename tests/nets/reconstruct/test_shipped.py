@@ -8,8 +8,8 @@ from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
 from nets.reconstruct.methods import create
 from nets.seen_scene import scaled
-from nets.shipped import shipped_weights
-from nets.weights import load_weights
+from nets.shipped import FOLDER, find_network, shipped_start, shipped_weights
+from nets.weights import load_weights, weights_info
 from warp_caustics.errors import MismatchError
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.resampling import regridded
@@ -24,6 +24,27 @@ def test_files_are_sound_and_small():
     assert sum(file.stat().st_size for file in files) <= 40e6
     for file in files:
         assert load_weights(file).info.content_hash
+
+
+@pytest.mark.parametrize("name", ["direct.safetensors", "direct-family.safetensors"])
+def test_a_training_starts_from_the_network_like_its_own(name):
+    assert shipped_start(weights_info(FOLDER / name).architecture) == str(FOLDER / name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "file"),
+    [
+        ({}, "direct.safetensors"),
+        ({"image_pixels": 1024, "height_samples": 64}, "direct.safetensors"),
+        ({"image_pixels": 256}, "direct-family.safetensors"),
+        ({"base_thickness_m": 4e-3}, "direct-family.safetensors"),
+        ({"glass": "soda_lime", "screen_position_m": (0.0, 0.0, -1e-3)}, "direct-family.safetensors"),
+        ({"wavelengths_m": (5.3e-7,), "radiosity_W_m2": (1.0,)}, "direct-family.safetensors"),
+    ],
+)
+def test_each_scene_finds_the_network_that_knows_it_best(changes, file):
+    found = find_network("direct", Scene(**changes), any_grid=True)
+    assert found.file == file and not found.warnings
 
 
 @pytest.fixture(scope="module")
