@@ -13,6 +13,11 @@ from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 
 
+def is_told(info: WeightsInfo) -> bool:
+    """Whether a network is told of its bench, so that it serves a family of them."""
+    return isinstance(info.training.get("family"), dict)
+
+
 class Fit(NamedTuple):
     """A network that serves a scene."""
 
@@ -99,7 +104,7 @@ class Fitting:
         if self.any_grid and not grid_problems(scene, info.scene):
             scene = seen_scene(scene, info.scene).scene
         count, resampled = len(differences(scene, info.scene)), len(differences(self.scene, info.scene))
-        is_told = self.any_grid and isinstance(info.training.get("family"), dict)
+        can_be_told = self.any_grid and is_told(info)
         if not count:
-            return (1 if is_told else 0, 0, resampled)
-        return (2 if is_told else 3, count, resampled)
+            return (1 if can_be_told else 0, 0, resampled)
+        return (2 if can_be_told else 3, count, resampled)

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from nets.architecture import Architecture
-from nets.fitting_network import Fitting
+from nets.fitting_network import Fit, Fitting, is_told
 from nets.scene_match import train_command
 from nets.seen_scene import SeenScene
 from nets.weights import WeightsInfo, load_weights, weights_info
@@ -47,6 +47,11 @@ class FoundNetwork:
         """Which network it was, for a result's settings; and what was resampled and scaled for it, if anything was."""
         found = {"file": self.file, "kind": self.info.architecture.kind, "content_hash": self.info.content_hash}
         return {**found, "sees": self.seen.record} if self.seen.record else found
+
+    @property
+    def is_told(self) -> bool:
+        """Whether it is told of its bench."""
+        return is_told(self.info)
 
     @property
     def few_steps(self) -> int | None:
@@ -85,7 +90,7 @@ def shipped_start(architecture: Architecture) -> str:
             return str(file)
     if not files:
         raise InputError(f"no {kind} network comes with this software; give its weights as --initial-weights FILE")
-    return str(next((file for file in files if "family" not in infos[file].training), files[0]))
+    return str(next((file for file in files if not is_told(infos[file])), files[0]))
 
 
 def shipped_steps(kind: str) -> int | None:
@@ -146,6 +151,37 @@ def find_network(
             f"{kind} network {fit.name} was trained for {few} steps, fewer than {FEWEST_STEPS}: its answers are a "
             "guess, and no uncertainty is calibrated for them",
         )
+    return _loaded(fit, warnings, device)
+
+
+def told_network(
+    kind: str, scene: Scene, first: FoundNetwork, device: str | torch.device = "cpu"
+) -> FoundNetwork | None:
+    """A shipped network that is told of the bench and serves a scene without a warning, beside one that was found.
+
+    Args:
+        kind: of network.
+        scene: what it shall be used for, on any grid.
+        first: that one; None comes of one that is told itself, and heights are those of its grid.
+        device: where the network shall be.
+    """
+    if first.is_told:
+        return None
+    fitting = Fitting(kind, scene, str(device), any_grid=True)
+    for file in shipped_weights():
+        info = _info(file)
+        if info.architecture.kind != kind or not is_told(info):
+            continue
+        try:
+            fit = fitting.fit(file, info, f"shipped network {file.name!r}")
+        except MismatchError:
+            continue
+        if not fit.warnings and few_steps(info) is None and fit.seen.working == first.seen.working:
+            return _loaded(fit, (), device)
+    return None
+
+
+def _loaded(fit: Fit, warnings: tuple[str, ...], device: str | torch.device) -> FoundNetwork:
     loaded = load_weights(fit.file, map_location=device)
     return FoundNetwork(loaded.module.requires_grad_(False), loaded.info, fit.file.name, warnings, fit.seen)
 

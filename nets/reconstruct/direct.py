@@ -5,25 +5,20 @@ from typing import Annotated, Any
 import torch
 from pydantic import Field
 
-from nets.reconstruct.network_grid import NetworkGrid
+from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
+from nets.reconstruct.opinions import opinion
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
-from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
-from nets.replayed import Replayed
-from nets.shipped import find_network
-from nets.symmetries import all_symmetries, seen_in, turned_back
-from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
+from nets.shipped import FoundNetwork, find_network, told_network
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.result import Resimulation, as_glass
-from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
+from warp_caustics.reconstruct.run_log import RunLog, following
 from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
-
-SYMMETRIES_AT_ONCE = {"cpu": 4, "cuda": 8}
-"""By device."""
 
 
 class DirectOptions(RefinementOptions):
@@ -31,6 +26,9 @@ class DirectOptions(RefinementOptions):
 
     symmetries: bool = True
     """Mean over all turns and flips that the scene has: more exact, and the source of the uncertainty."""
+    second_opinion: bool = True
+    """Ask the network that is told of its bench as well, where another was made for the scene, and take what explains
+    the image; only of networks that ship."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
 
@@ -38,9 +36,8 @@ class DirectOptions(RefinementOptions):
 class Direct(Reconstructor):
     """Network, symmetries, refinement.
 
-    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`). Images
-    come to the network's grid and heights back to the scene's (:mod:`nets.reconstruct.network_grid`), where they are
-    refined.
+    A network that is told of its bench is told the scene, and serves any of its family (:mod:`nets.family`). Where
+    another was made for the scene, the one that explains the image is taken (:mod:`nets.reconstruct.opinions`).
 
     Args:
         scene: the set-up of the measurement.
@@ -60,12 +57,12 @@ class Direct(Reconstructor):
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
         self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
-        self.grid, seen = NetworkGrid(self.network, self.device), self.network.seen.scene
+        networks = [self.network]
+        if self.options.second_opinion and self.options.weights is None:
+            second = told_network("direct", scene, self.network, self.device)
+            networks += [] if second is None else [second]
+        self.asked = [NetworkAnswers(each, self.device, self.options.symmetries) for each in networks]
         self.scene = scene = self.network.seen.working
-        is_told = bool(getattr(self.network.module, "is_told", False))
-        self.bench = ToldBench(seen, self.network.info.scene, self.device) if is_told else None
-        self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.replayed = Replayed(self.network.module)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
         self.refinement = Refinement(scene, self.options, self.device, self.network.seen.scale)
 
@@ -82,41 +79,52 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        return self.grid.result(self.found(image, initial, progress))
+        return self.asked[0].grid.result(self.found(image, initial, progress))
 
     def found(
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
     ) -> Reconstruction:
         """The same with as many samples as it was found with, which may be others than the user's."""
         image = check_image(image, self.scene)
-        warnings = list(self.network.warnings)
         if initial is not None:
             check_initial(initial, self.network.seen.user)
-            warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
         resimulation = Resimulation(self.simulator, image)
-        if self.bench is None or not self.bench.is_near:
+        bench = self.asked[0].bench
+        if bench is None or not bench.is_near:
             resimulation = resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
-        answers, reason = self._answers(resimulation.image, log)
+        left = resimulation
+
+        def residual(heights: torch.Tensor) -> float:
+            found = as_glass(heights.cpu().numpy(), self.scene)
+            return left.exposed(found)(found).residual
+
+        found = opinion(self.asked, resimulation.image, residual, log)
+        answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
+        warnings = list(network.warnings)
+        if initial is not None:
+            warnings.append("direct takes no start, the given one is not used; --method refine does")
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
         heights = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        spread = uncertainty(answers.double(), DIRECT_CALIBRATION if self.bench is None else FAMILY_CALIBRATION)
-        no_spread = self._no_uncertainty(len(answers))
+        spread = uncertainty(answers.double(), FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION)
+        no_spread = self._no_uncertainty(network, len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
+        if found.record:
+            counters["networks"] = found.record
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
-            known_px = self._trained_shift_px, TRAINED_BLUR_PX * self._pixels_of_one
+            known_px = _trained_shift_px(network), TRAINED_BLUR_PX * _pixels_of_one(network)
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
         history = log.history
         if self.options.refine and not interrupted:
-            found = self.refinement(
+            refined = self.refinement(
                 resimulation,
                 heights,
                 timings["network"],
@@ -124,14 +132,14 @@ class Direct(Reconstructor):
                 None if spread is None else answers.double().std(dim=0).cpu().numpy(),
             )
             reason = "max_time"
-            if found is not None:
-                heights, reason = found.heights, found.reason
-                found_at = self.refinement.pixels if found.is_better else None
+            if refined is not None:
+                heights, reason = refined.heights, refined.reason
+                found_at = self.refinement.pixels if refined.is_better else None
                 history += [
                     entry | {"iteration": len(history) + k + 1, "elapsed_s": entry["elapsed_s"] + timings["network"]}
-                    for k, entry in enumerate(found.history)
+                    for k, entry in enumerate(refined.history)
                 ]
-            counters["refinement"] = outcome(found)
+            counters["refinement"] = outcome(refined)
             timings["refinement"] = log.elapsed_s - timings["network"]
         return network_result(
             self.name,
@@ -141,55 +149,31 @@ class Direct(Reconstructor):
             history=history,
             timings=timings,
             counters=counters,
-            settings=self.options.model_dump() | {"network": self.network.record},
+            settings=self.options.model_dump() | {"network": network.record},
             warnings=warnings,
             uncertainty=None if spread is None or no_spread else spread.cpu().numpy(),
             no_uncertainty=no_spread,
             found_at=found_at,
         )
 
-    def _no_uncertainty(self, answers: int) -> str:
+    def _no_uncertainty(self, network: FoundNetwork, answers: int) -> str:
         """Why a result of so many answers has no uncertainty; empty where it has one."""
         if answers < 2:
             why = "the run was cut short" if self.options.symmetries else "symmetries is off"
             return f"{why}: only answers of several symmetries tell how far they lie apart"
-        few = self.network.few_steps
+        few = network.few_steps
         if few is None:
             return ""
         return f"the network was trained for {few} steps only, and how far its answers lie apart tells nothing"
 
-    @property
-    def _trained_shift_px(self) -> float | None:
-        """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
-        camera = self.network.training.get("camera")
-        shift = camera.get("shift_px") if isinstance(camera, dict) else None
-        return None if shift is None else float(shift) * self._pixels_of_one
 
-    @property
-    def _pixels_of_one(self) -> float:
-        """The scene's pixels per side over the network's."""
-        return self.scene.image_pixels / self.network.info.scene.image_pixels
+def _trained_shift_px(network: FoundNetwork) -> float | None:
+    """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
+    camera = network.training.get("camera")
+    shift = camera.get("shift_px") if isinstance(camera, dict) else None
+    return None if shift is None else float(shift) * _pixels_of_one(network)
 
-    def _answers(self, image: CausticImage, log: RunLog) -> tuple[torch.Tensor, StopReason]:
-        """Heights of each symmetry turned back, shape [B, n, n] [m]; ``interrupted`` or ``converged``."""
-        seen, noise = self.grid.picture(image), self.grid.noise(image)
-        if self.bench is not None:
-            seen = self.bench.picture(seen)
-        symmetries = all_symmetries(self.network.seen.scene if self.bench is None else self.bench.trained)
-        if not self.options.symmetries:
-            symmetries = symmetries[:, :1]
-        n = self.scene.height_samples
-        answers = torch.empty(0, n, n, device=self.device)
-        batch = SYMMETRIES_AT_ONCE[self.device.type]
-        log.total = -(-symmetries.shape[1] // batch)
-        try:
-            for part in symmetries.split(batch, dim=1):
-                told = [] if self.bench is None else [self.bench.told(noise, part)]
-                heights = self.replayed(seen_in(seen, part), *told)
-                if self.bench is not None:
-                    heights = heights * self.bench.height_scale
-                answers = torch.cat([answers, self.grid.heights(turned_back(heights, part))])
-                log.note("network", None, symmetries=len(answers))
-        except KeyboardInterrupt as stop:
-            return answers, why_stopped(stop)
-        return answers, "converged"
+
+def _pixels_of_one(network: FoundNetwork) -> float:
+    """The scene's pixels per side over the network's."""
+    return network.seen.working.image_pixels / network.info.scene.image_pixels

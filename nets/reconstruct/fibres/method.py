@@ -90,9 +90,9 @@ class Fibres(Reconstructor):
         started = time.perf_counter()
         answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
-            return self.network.grid.result(dataclasses.replace(answer, method=self.name))
+            return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
-        return self.network.grid.result(run.result())
+        return self.network.asked[0].grid.result(run.result())
 
 
 class _Run:

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-import nets.reconstruct.direct as direct_module
-from nets.reconstruct.direct import SYMMETRIES_AT_ONCE
+import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
+from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
 from warp_caustics.errors import InputError
 from warp_caustics.prints.model import LineModel
@@ -105,7 +105,7 @@ def answering(monkeypatch, saved):
             found = torch.as_tensor(heights_m, dtype=torch.float32)
             return found.expand(len(images), *found.shape).clone()
 
-        monkeypatch.setattr(direct_module, "Replayed", lambda module: answers)
+        monkeypatch.setattr(answers_module, "Replayed", lambda module: answers)
         weights = saved("direct", scene=SCENE)
         return create("fibres", SCENE, weights=weights, symmetries=False, **options)
 
@@ -172,7 +172,7 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     generator = torch.Generator().manual_seed(3)
     wrong = 2e-5 * torch.randn(8, n, n, generator=generator) * (truth > 1e-5)
     copies = iter((seen_in(truth, all_symmetries(fine)) + wrong).split(SYMMETRIES_AT_ONCE["cpu"]))
-    monkeypatch.setattr(direct_module, "Replayed", lambda module: lambda images: next(copies))
+    monkeypatch.setattr(answers_module, "Replayed", lambda module: lambda images: next(copies))
     result = create("fibres", fine, weights=saved("direct", scene=fine), refine_pixels=2 * n).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())

@@ -63,7 +63,7 @@ def test_any_bench_of_the_family_is_taken_and_others_are_refused(weights, scene,
     assert result.heights_m.shape == (16, 16) and np.isfinite(result.heights_m).all()
     assert result.counters["symmetries"] == 8
     for changes, message in (
-        ({"base_thickness_m": 8e-3}, r"base_thickness_m is 0.008 here, the nearest that is known is 0.006"),
+        ({"base_thickness_m": 8e-3}, r"base_thickness_m is 0.008 here, the nearest that is known is 0.0075"),
         ({"screen_position_m": (0.0, 0.0, -4e-3)}, r"gap_m is 0.004 here, the nearest that is known is 0.002001"),
         ({"light_tilt_rad": (0.05, 0.0)}, r"light's angle aside is 0.05004 here, .* 0.03001"),
         ({"emission_half_angle_rad": 0.5, "light_position_m": (0.0, 0.0, 0.1)}, r"0.097 m here, .* known is 0.25 m"),
@@ -89,7 +89,7 @@ def test_the_family_holds_what_was_drawn_and_the_scene():
     for drawn in benches.scenes(benches.draw(range(60))):
         assert check_family(seen_scene(drawn, scene), scene, family, "network", "direct") == ()
     assert check_family(seen_scene(scene, scene), scene, family, "network", "direct") == ()
-    assert family["divergence_1_m"] == [0.0, 4.0] and family["base_thickness_m"] == pytest.approx([1.5e-3, 6e-3])
+    assert family["divergence_1_m"] == [0.0, 4.0] and family["base_thickness_m"] == pytest.approx([1.5e-3, 7.5e-3])
 
 
 def test_a_picture_of_a_flat_plate_is_flat(scene):
@@ -139,7 +139,7 @@ def test_the_shipped_network_told_its_scene_answers_as_it_did(tmp_path):
     image = CausticImage(1 + 0.3 * np.random.default_rng(0).random((3, 512, 512)))
     options = {"refine": False, "symmetries": False}
     told = create("direct", scene, weights=str(path), **options).reconstruct(image)
-    before = create("direct", scene, **options).reconstruct(image)
+    before = create("direct", scene, second_opinion=False, **options).reconstruct(image)
     assert np.abs(told.heights_m - before.heights_m).max() < 1e-6 * np.abs(before.heights_m).max()
 
 
