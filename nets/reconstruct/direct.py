@@ -110,7 +110,8 @@ class Direct(Reconstructor):
         heights = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        spread = uncertainty(answers.double(), FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION)
+        calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
+        spread = uncertainty(answers.double(), calibration, network.seen.scale)
         no_spread = self._no_uncertainty(network, len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None

@@ -148,11 +148,10 @@ def test_uncertainty_has_a_floor_where_answers_share_what_is_told():
     plain = Calibration(scale=1.5, within_one=0.7, within_two=0.9, fields=1, seed=0)
     std = 2**0.5
     torch.testing.assert_close(uncertainty(answers, plain), torch.tensor([[1.5 * std, 0.0]], dtype=torch.float64))
-    floor = 0.1 * (((2.0**2) + 3.0**2) / 2) ** 0.5
-    wanted = torch.tensor([[math.hypot(1.5 * std, floor), floor]], dtype=torch.float64)
-    torch.testing.assert_close(uncertainty(answers, dataclasses.replace(plain, floor=0.1)), wanted)
+    wanted = torch.tensor([[math.hypot(1.5 * std, 0.2), 0.2]], dtype=torch.float64)
+    torch.testing.assert_close(uncertainty(answers, dataclasses.replace(plain, floor_m=0.4), scale=2.0), wanted)
     assert uncertainty(answers[:1], plain) is None
-    assert FAMILY_CALIBRATION.floor > 0 == DIRECT_CALIBRATION.floor
+    assert FAMILY_CALIBRATION.floor_m > 0 == DIRECT_CALIBRATION.floor_m
 
 
 def test_numbers_of_a_scene_may_be_numpys(weights, scene, heights):
