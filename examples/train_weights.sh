@@ -74,7 +74,10 @@ train direct-on direct "${DIRECT_TIME_ON:-1065s}" --seed 6 --devices "${DEVICES:
 train direct direct "${DIRECT_LAST_TIME:-1050s}" --seed 7 --devices "${DEVICES:-1}" "${on[@]}" \
     --initial-weights "$out/direct-on/weights.safetensors"
 
-# The same told of its bench: any of a family, through any camera. Rounded to bytes.
-train family direct "${FAMILY_TIME:-1190s}" --config family --seed 12 --devices "${DEVICES:-1}" "${on[@]}" \
-    --set training.replay.size=16384 --set training.replay.fresh_per_step=8 --set training.steps_per_epoch=1000 \
-    --set training.exported=int8 --initial-weights "$out/direct/weights.safetensors"
+# The same told of its bench: any of a family, through any camera, in two legs. Rounded to bytes at last.
+told=("${on[@]}" --config family --set training.replay.size=16384 --set training.replay.fresh_per_step=8
+    --set training.steps_per_epoch=1000)
+train family-first direct "${FAMILY_TIME:-1190s}" --seed 12 --devices "${DEVICES:-1}" "${told[@]}" \
+    --initial-weights "$out/direct/weights.safetensors"
+train family direct "${FAMILY_LAST_TIME:-1180s}" --seed 17 --devices "${DEVICES:-1}" "${told[@]}" \
+    --set training.exported=int8 --initial-weights "$out/family-first/weights.safetensors"

@@ -29,6 +29,9 @@ class DirectOptions(RefinementOptions):
     second_opinion: bool = True
     """Ask the network that is told of its bench as well, where another was made for the scene, and take what explains
     the image; only of networks that ship."""
+    flatness_m: Annotated[float, Field(ge=0, le=1e-2, allow_inf_nan=False)] = 0.0
+    """Standard deviation of the base from the plane that it is taken for [m]: no image tells a bow, so that only the
+    plate's maker can. Part of the standard uncertainty."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
 
@@ -111,7 +114,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
-        spread = uncertainty(answers.double(), calibration, network.seen.scale)
+        spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m)
         no_spread = self._no_uncertainty(network, len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None

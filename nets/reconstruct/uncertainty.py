@@ -4,6 +4,7 @@ What all answers share, no spread can show: the scale is measured, on fields
 with known heights, for the eight symmetries of the square.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -43,15 +44,19 @@ told nearly (``benchmarks.family --told nearly``, with that seed). Where there i
 within one and two; bare plate is covered but for bows, of up to 30 um there, which no image tells."""
 
 
-def uncertainty(answers: torch.Tensor, calibration: Calibration, scale: float = 1.0) -> torch.Tensor | None:
+def uncertainty(
+    answers: torch.Tensor, calibration: Calibration, scale: float = 1.0, flatness_m: float = 0.0
+) -> torch.Tensor | None:
     """Standard uncertainty of the mean answer [m], shape [n, n]; None for a single answer.
 
     Args:
         answers: heights found in each symmetry, turned back, shape [B, n, n] [m].
         calibration: of the network.
         scale: of the network's plate over the user's.
+        flatness_m: standard deviation of the base from a plane [m].
     """
     if len(answers) < 2:
         return None
     spread = calibration.scale * answers.std(dim=0)
-    return spread.square().add((calibration.floor_m / scale) ** 2).sqrt() if calibration.floor_m else spread
+    shared = math.hypot(calibration.floor_m / scale, flatness_m)
+    return spread.square().add(shared**2).sqrt() if shared else spread

@@ -68,7 +68,7 @@ class Fibres(Reconstructor):
     def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
         self.options = options or FibresOptions()
         plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
-        self.network = Direct(scene, plain.model_copy(update={"refine": False}), device)
+        self.network = Direct(scene, plain.model_copy(update={"refine": False, "flatness_m": 0.0}), device)
         self.device = self.network.device
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
@@ -178,10 +178,13 @@ class _Run:
 
     def _uncertainty(self, is_noise_left: bool) -> FloatArray | None:
         """That of the network, or of lines that leave nothing but noise, [m], shape [n, n]."""
-        network = self.answer.uncertainty_m
-        if network is None or not is_noise_left:
-            return network
-        return design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * network, EXPLAINED_LINES)
+        found = self.answer.uncertainty_m
+        if found is None:
+            return None
+        if is_noise_left:
+            found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
+        flatness_m = self.method.options.flatness_m
+        return np.hypot(found, flatness_m) if flatness_m else found
 
     @cached_property
     def discrepancy(self) -> Discrepancy:

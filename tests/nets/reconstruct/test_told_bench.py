@@ -150,7 +150,9 @@ def test_uncertainty_has_a_floor_where_answers_share_what_is_told():
     torch.testing.assert_close(uncertainty(answers, plain), torch.tensor([[1.5 * std, 0.0]], dtype=torch.float64))
     wanted = torch.tensor([[math.hypot(1.5 * std, 0.2), 0.2]], dtype=torch.float64)
     torch.testing.assert_close(uncertainty(answers, dataclasses.replace(plain, floor_m=0.4), scale=2.0), wanted)
-    assert uncertainty(answers[:1], plain) is None
+    bowed = torch.tensor([[math.hypot(1.5 * std, 0.3), 0.3]], dtype=torch.float64)
+    torch.testing.assert_close(uncertainty(answers, plain, flatness_m=0.3), bowed)
+    assert uncertainty(answers[:1], plain, flatness_m=0.3) is None
     assert FAMILY_CALIBRATION.floor_m > 0 == DIRECT_CALIBRATION.floor_m
 
 
