@@ -17,6 +17,9 @@ from warp_caustics.kernels.vectors import vector_snippet
 MOST_ROWS = 24
 """Footprints that reach over more rows are left to ``pixels.py``: the others of their sixteen would wait for them."""
 
+SLOTS = 64
+"""Rows of pixels of sixteen photons that wait to be added."""
+
 _PER_BLOCK = f"""
     const size_t plane = work.shape[1];
     const int height = image.shape[2], width = image.shape[3];
@@ -45,6 +48,7 @@ _PER_BLOCK = f"""
         w[2] = low2(e, h);
         w[3] = high2(e, h);
     }};
+    {{setup}}
     struct Narrow {{ char columns[4]; }};
     struct Wider {{ char columns[8]; }};
     for (int j = 0; j < columns; j += 16) {{
@@ -104,22 +108,54 @@ _PER_BLOCK = f"""
             else work_on(Wider{{}});
         }}
     }}
+    {{finish}}
     return listed_now;
 """
 
 _ADD = {
+    # Neighbours add to the same pixels, and a sum that has just been stored is slow to read again: additions wait, and
+    # are made photon by photon of neighbouring blocks.
+    "setup": f"""
+    alignas(64) real waiting[{SLOTS} * 64];
+    alignas(64) int where[{SLOTS} * 16];
+    int slots = 0;
+    auto flush = [&]() {{
+        for (int i = 0; i < 16; ++i) {{
+            const real* from = waiting + 16 * (i % 4) + 4 * (i / 4);
+            for (int s = 0; s < slots; ++s) *(Q*)(pixels + where[16 * s + i]) += *(const Q*)(from + 64 * s);
+        }}
+        slots = 0;
+    }};
+    """,
+    "finish": "flush();",
     "start": "",
     "found": """
         {
-            const V none = real(height);
-            const int lowest = (int)(__builtin_reduce_min(is_lit ? first_row : none));
-            const int highest = (int)(__builtin_reduce_max(is_lit ? last_row : V(real(-1))));
-            int* const rows_touched = touched.data + 2 * b;
-            if (lowest < rows_touched[0]) rows_touched[0] = lowest;
-            if (highest >= rows_touched[1]) rows_touched[1] = highest + 1;
+            // --- rows that nobody has come to yet are set to zero
+            const int lowest = (int)(__builtin_reduce_min(is_lit ? first_row : V(real(height - 1))));
+            const int highest = (int)(__builtin_reduce_max(is_lit ? last_row : zero));
+            int* const rows_lit = lit_rows.data + 2 * b;
+            if (rows_lit[0] == rows_lit[1]) rows_lit[0] = rows_lit[1] = lowest;
+            auto clear = [&](int begin, int end) {
+                for (int n = 0; n < image.shape[1]; ++n) {
+                    real* const to = image.data + (size_t(b) * image.shape[1] + n) * height * width;
+                    for (int k = begin * width; k < end * width; ++k) to[k] = real(0);
+                }
+            };
+            if (lowest < rows_lit[0]) {
+                clear(lowest, rows_lit[0]);
+                rows_lit[0] = lowest;
+            }
+            if (highest >= rows_lit[1]) {
+                clear(rows_lit[1], highest + 1);
+                rows_lit[1] = highest + 1;
+            }
         }
     """,
-    "before": "const V amount = is_here ? real(1.0 / 36.0) * light : zero;",
+    "before": f"""
+        if (slots + 2 * rows > {SLOTS}) flush();
+        const V amount = is_here ? real(1.0 / 36.0) * light : zero;
+    """,
     "begin": "",
     "each": """
                 const V share = amount * (above - below);
@@ -137,19 +173,16 @@ _ADD = {
                 w[C - 1] = share * (real(6) - left);
                 for (int n = 0; n < C; n += 4) {
                     turn(w + n);
-                    for (int i = 0; i < 4; ++i) {
-                        const V four = w[n + i];
-                        *(Q*)(pixels + at[i] + n) += four.s0123;
-                        *(Q*)(pixels + at[i + 4] + n) += four.s4567;
-                        *(Q*)(pixels + at[i + 8] + n) += four.s89ab;
-                        *(Q*)(pixels + at[i + 12] + n) += four.scdef;
-                    }
+                    for (int i = 0; i < 4; ++i) *(V*)(waiting + 64 * slots + 16 * i) = w[n + i];
+                    *(I*)(where + 16 * slots++) = at + n;
                 }
     """,
     "end": "",
 }
 
 _GATHER = {
+    "setup": "",
+    "finish": "",
     "start": f"""
         real* const to = from + {GRADIENT_PLANE - FOOTPRINT_PLANE} * plane;
         for (int i = 0; i < 6; ++i) *(V*)(to + i * plane) = zero;
@@ -234,7 +267,7 @@ def row_pixel_functions(dtype: Any) -> tuple[Any, Any]:
         # outputs
         image: wp.array4d[dtype],
         listed: wp.array[wp.int32],
-        touched: wp.array2d[wp.int32],
+        lit_rows: wp.array2d[wp.int32],
     ) -> wp.int32: ...
 
     @wp.func_native(vector_snippet(dtype, _text(_GATHER)))

@@ -139,6 +139,47 @@ _MAPS_ADJOINT = (
 )
 
 
+_BOTH_WAYS = """
+    const int rows = matrix.shape[0], inner = matrix.shape[1];
+    const real* const left = matrix.data;
+    const real* const right = transposed.data;
+    auto add_scaled = [](real* __restrict to, const real* __restrict from, real by, int n) {
+        for (int j = 0; j < n; ++j) to[j] += by * from[j];
+    };
+    for (int i = 0; i < rows; ++i) {
+        real* const half_way = work.data;
+        real* const to = found.data + (size_t(b) * rows + i) * rows;
+        for (int j = 0; j < inner; ++j) half_way[j] = real(0);
+        for (int j = 0; j < rows; ++j) to[j] = real(0);
+        for (int k = 0; k < inner; ++k)
+            add_scaled(half_way, planes.data + (size_t(b) * inner + k) * inner, left[i * inner + k], inner);
+        for (int k = 0; k < inner; ++k) add_scaled(to, right + size_t(k) * rows, half_way[k], rows);
+    }
+"""
+
+
+@cache
+def both_ways_function(dtype: Any) -> Any:
+    """``both_ways``: matrix [R, K] @ planes[b] [K, K] @ transposed [K, R]; scratch memory of K numbers.
+
+    torch's product of matrices this small wakes its threads, which then wait for more on the cores that splat.
+    """
+
+    @no_type_check
+    @wp.func_native(vector_snippet(dtype, _BOTH_WAYS))
+    def both_ways(
+        matrix: wp.array2d[dtype],
+        transposed: wp.array2d[dtype],
+        planes: wp.array3d[dtype],
+        b: wp.int32,
+        work: wp.array[dtype],
+        # outputs
+        found: wp.array3d[dtype],
+    ): ...
+
+    return both_ways
+
+
 @cache
 def row_surface_functions(dtype: Any) -> tuple[Any, Any]:
     """``row_maps`` and ``row_maps_adjoint``.

@@ -26,7 +26,7 @@ from warp_caustics.kernels.row_refraction import (
     MAP_GRADIENT_PLANE,
     row_refraction_functions,
 )
-from warp_caustics.kernels.row_surface import row_surface_functions
+from warp_caustics.kernels.row_surface import both_ways_function, row_surface_functions
 from warp_caustics.kernels.surface import photon_struct, surface_functions
 
 
@@ -113,8 +113,10 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
 
 
 @cache
-def row_kernel(dtype: Any, effects: Effects) -> Any:
-    """Kernel ``splat_rows``."""
+def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
+    """Kernels ``splat_rows`` and ``filter_planes``, compiled together."""
+    module = "_".join((__name__, dtype.__name__, *(str(int(is_on)) for is_on in effects)))
+    both_ways = both_ways_function(dtype)
     functions = _row_functions(dtype, effects)
     along_y, footprint_of, light_of_row = functions.along_y, functions.footprint_of, functions.light_of_row
     row_maps, _ = row_surface_functions(dtype)
@@ -125,7 +127,20 @@ def row_kernel(dtype: Any, effects: Effects) -> Any:
     vector = wp.types.vector(length=1, dtype=dtype)
 
     @no_type_check
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=module)
+    def filter_planes(
+        matrix: wp.array2d[dtype],
+        transposed: wp.array2d[dtype],
+        planes: wp.array3d[dtype],
+        work: wp.array[dtype],
+        # outputs
+        filtered: wp.array3d[dtype],
+    ):
+        """filtered[b] = matrix @ planes[b] @ transposed: heights to coefficients, and the adjoint of that."""
+        both_ways(matrix, transposed, planes, wp.tid(), work, filtered)
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module=module)
     def splat_rows(
         coefficients: wp.array3d[dtype],
         photons: Photons,
@@ -136,11 +151,12 @@ def row_kernel(dtype: Any, effects: Effects) -> Any:
         listed: wp.array[wp.int32],
         # outputs
         image: wp.array4d[dtype],
-        touched: wp.array2d[wp.int32],
+        lit_rows: wp.array2d[wp.int32],
     ):
-        """Add rows of lattice photons to the image [W/m^2]; ``touched``: first and past last row of pixels [B, 2].
+        """Add rows of lattice photons to the image [W/m^2].
 
-        Spline coefficients [B, n + 4, n + 4]; the rest is scratch memory, and the lattice: see ``lattice_rows.py``.
+        Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set to
+        zero when light comes to them.  coefficients [B, n + 4, n + 4]; the rest is scratch memory, and the lattice: see ``lattice_rows.py``.
         """
         b, i = wp.tid()
         y = photons.positions[1, i]
@@ -160,7 +176,7 @@ def row_kernel(dtype: Any, effects: Effects) -> Any:
         )
         for c in range(image.shape[1]):
             light_of_row(across, y, photons, b, c, i * photons.columns, work)
-            others = add_row_of_photons(work, photons.columns, b, c, image, listed, touched)
+            others = add_row_of_photons(work, photons.columns, b, c, image, listed, lit_rows)
             for k in range(others):
                 f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
                 alone = Footprints(
@@ -174,7 +190,7 @@ def row_kernel(dtype: Any, effects: Effects) -> Any:
                 first, last = row_window(alone, image)
                 add_rows(alone, first, last, b, c, 0, image)
 
-    return splat_rows
+    return SimpleNamespace(splat_rows=splat_rows, filter_planes=filter_planes)
 
 
 @cache
