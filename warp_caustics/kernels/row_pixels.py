@@ -49,8 +49,9 @@ _PER_BLOCK = f"""
         w[3] = high2(e, h);
     }};
     {{setup}}
-    struct Narrow {{ char columns[4]; }};
-    struct Wider {{ char columns[8]; }};
+    struct Four {{ char columns[4]; }};
+    struct Five {{ char columns[5]; }};
+    struct Eight {{ char columns[8]; }};
     for (int j = 0; j < columns; j += 16) {{
         real* const from = work.data + {FOOTPRINT_PLANE} * plane + j;
         const V column = load(from), row = load(from + plane);
@@ -73,7 +74,6 @@ _PER_BLOCK = f"""
         const auto is_inside = (leftmost >= V(-slack)) & (rightmost <= V(real(width) + slack))
             & (bottom >= V(-slack)) & (top <= V(real(height) + slack));
         const auto is_here = is_lit & is_inside & (size <= V(widest)) & (last_row - first_row < V(real({MOST_ROWS})));
-        const auto is_narrow = (size <= V(real(3))) | ~is_here;
         // --- the others are listed
         const auto is_other = is_lit & ~is_here;
         if (__builtin_reduce_or(is_other))
@@ -84,7 +84,7 @@ _PER_BLOCK = f"""
         const V inv_x = real(0.5) / sigma_x, inv_y = real(0.5) / sigma_y;
         {{before}}
         auto work_on = [&](auto window) __attribute__((always_inline)) {{
-            constexpr int C = sizeof(window.columns);
+            constexpr int C = sizeof(window.columns), W = C <= 4 ? 4 : 8;
             V below = zero;
             {{begin}}
             for (int r = 0; r < rows; ++r) {{
@@ -95,7 +95,7 @@ _PER_BLOCK = f"""
                 const V above = v0 * v0 * v0 - real(3) * (v1 * v1 * v1 - v2 * v2 * v2);
                 const V offset = i + real(0.5) - row;
                 const V centre = column + beta * offset;
-                const V first = smaller(larger(floor_of(centre - half), zero), V(real(width - C)));
+                const V first = smaller(larger(floor_of(centre - half), zero), V(real(width - W)));
                 const I at = __builtin_convertvector(smaller(i, V(real(height - 1))), I) * width
                     + __builtin_convertvector(first, I);
                 {{each}}
@@ -104,8 +104,11 @@ _PER_BLOCK = f"""
             {{end}}
         }};
         if (rows > 0) {{
-            if (__builtin_reduce_and(is_narrow)) work_on(Narrow{{}});
-            else work_on(Wider{{}});
+            const real most = __builtin_reduce_max(is_here ? size : zero);
+            if (most <= real(3)) work_on(Four{{}});
+            // Five of eight columns that are read: the window must not be pushed back by the image's side.
+            else if (most <= real(4) && __builtin_reduce_max(is_here ? rightmost : zero) < real(width - 7)) work_on(Five{{}});
+            else work_on(Eight{{}});
         }}
     }}
     {{finish}}
@@ -160,7 +163,7 @@ _ADD = {
     "each": """
                 const V share = amount * (above - below);
                 // --- shares of its pixels: the outermost edges are 0 and 1
-                V w[C];
+                V w[W];
                 V left = zero;
                 for (int n = 1; n < C; ++n) {
                     const V t = (first + real(n) - centre) * inv_x;
@@ -171,7 +174,8 @@ _ADD = {
                     left = right;
                 }
                 w[C - 1] = share * (real(6) - left);
-                for (int n = 0; n < C; n += 4) {
+                for (int n = C; n < W; ++n) w[n] = zero;
+                for (int n = 0; n < W; n += 4) {
                     turn(w + n);
                     for (int i = 0; i < 4; ++i) *(V*)(waiting + 64 * slots + 16 * i) = w[n + i];
                     *(I*)(where + 16 * slots++) = at + n;
@@ -197,8 +201,8 @@ _GATHER = {
                 const V above_density = v0 * v0 - real(3) * (v1 * v1 - v2 * v2);
                 const V above_moment = v * above_density;
                 // --- pixels
-                V g[C];
-                for (int n = 0; n < C; n += 4) {
+                V g[W];
+                for (int n = 0; n < W; n += 4) {
                     for (int i = 0; i < 4; ++i) {
                         const Q a = *(const Q*)(pixels + at[i] + n), d = *(const Q*)(pixels + at[i + 4] + n);
                         const Q e = *(const Q*)(pixels + at[i + 8] + n), h = *(const Q*)(pixels + at[i + 12] + n);

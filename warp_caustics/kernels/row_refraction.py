@@ -1,7 +1,7 @@
 """Refraction of light from straight above for a row of lattice photons, sixteen at a time, on a CPU.
 
-The formulas and names are those of ``collimated.py`` and ``footprint.py``, where they are explained; effects beyond
-refraction are left to those.
+The formulas and names are those of ``collimated.py``, ``footprint.py`` and ``fresnel.py``, where they are explained; lamps
+of finite size and light from elsewhere are left to those.
 """
 
 from functools import cache
@@ -70,6 +70,45 @@ _PER_PHOTON = """
         const V var_y = shrink * raw_y + optics.min_var;
 """
 
+_TRANSMISSION = """
+    auto transmission = [&](V cos_in, V cos_out, real rho) __attribute__((always_inline)) -> V {
+        const V s = rho * cos_in + cos_out, p = cos_in + rho * cos_out;
+        return real(0.5) * (one + rho) * (one + rho) * cos_in * cos_out * (one / (s * s) + one / (p * p));
+    };
+    // derivatives of its logarithm by both cosines
+    auto transmission_slopes = [&](V cos_in, V cos_out, real rho, V& by_in, V& by_out) __attribute__((always_inline)) {
+        const V s = one / (rho * cos_in + cos_out), p = one / (cos_in + rho * cos_out);
+        const V s3 = s * s * s, p3 = p * p * p, both = real(2) / (s * s + p * p);
+        by_in = one / cos_in - both * (rho * s3 + p3);
+        by_out = one / cos_out - both * (s3 + rho * p3);
+    };
+"""
+
+_COSINES = """
+        const V sine2 = bend * bend * slope2;
+        const V cosine = root_of(one - sine2);
+        const V cos_out = root_of(larger(one - ratio * ratio * sine2, V(grazing)));
+"""
+
+_PASSED = (
+    _COSINES
+    + """
+        amount *= transmission(one, root, eta) * transmission(cosine, cos_out, ratio);
+"""
+)
+
+_PASSED_ADJOINT = (
+    _COSINES
+    + """
+        V by_one, by_root, by_cosine, by_out;
+        transmission_slopes(one, root, eta, by_one, by_root);
+        transmission_slopes(cosine, cos_out, ratio, by_cosine, by_out);
+        const V through = by_cosine / cosine + by_out * ratio * ratio / cos_out;
+        const V sine2_m = bend * bend * (one - bend * slope2 * inv_root);
+        g_m += amplitude * load(g + 5 * plane) * (by_root * c * inv_root - through * sine2_m);
+"""
+)
+
 _LIGHT = (
     _PER_ROW
     + """
@@ -82,13 +121,15 @@ _LIGHT = (
         const V cov = shrink * raw_xy;
         const V beta = cov / (var_y + box);
         const auto is_lit = (cosine2 > V(grazing)) & (lane_number + real(j) < number);
+        V amount = optics.area * colour.radiosity;
+        PASSED
         real* const to = at + {FOOTPRINT_PLANE} * plane;
         *(V*)to = is_lit ? (x + shift * h_x - optics.window_x) * px_x : V(-far);
         *(V*)(to + plane) = is_lit ? (y + shift * h_y - optics.window_y) * px_y : V(-far);
         *(V*)(to + 2 * plane) = is_lit ? root_of(shrink * raw_x + optics.min_var - beta * cov) : one;
         *(V*)(to + 3 * plane) = is_lit ? root_of(var_y) : one;
         *(V*)(to + 4 * plane) = is_lit ? beta : zero;
-        *(V*)(to + 5 * plane) = is_lit ? V(optics.area * colour.radiosity) : zero;
+        *(V*)(to + 5 * plane) = is_lit ? amount : zero;
     }}
 """
 )
@@ -139,8 +180,9 @@ _LIGHT_ADJOINT = (
         const V s2 = real(2) * (u1 * u1 + u * u2) * slope2 + real(4) * u * u1;
         const V z2 = real(0.5) * s2 * z * z * z + real(1.5) * s1 * z * z * z1;
         const V e_mm = u2 * z + real(2) * u1 * z1 + u * z2;
-        const V g_m = real(2) * (g_k * k_m + g_shift_m * thickness * k_mm
+        V g_m = real(2) * (g_k * k_m + g_shift_m * thickness * k_mm
             + optics.gap * (g_shift * e_m + g_shift_m * e_mm));
+        PASSED
         const V g_vx = shift_m * a_x, g_vy = shift_m * a_y;
         // --- to height, slopes and second derivatives
         auto add = [&](int i, V value) __attribute__((always_inline)) {
@@ -159,13 +201,18 @@ _LIGHT_ADJOINT = (
 
 
 @cache
-def row_refraction_functions(dtype: Any) -> tuple[Any, Any]:
+def row_refraction_functions(dtype: Any, has_fresnel: bool) -> tuple[Any, Any]:
     """``refract_row``: surface maps of a row at y to footprints, and ``refract_row_adjoint``, which adds to the
     gradient of the maps or, where ``is_first``, writes it."""
+
+    def snippet(body: str, passed: str) -> str:
+        body = body.replace("PASSED", passed if has_fresnel else "")
+        return vector_snippet(dtype, (_TRANSMISSION if has_fresnel else "") + body)
+
     Optics, Colour = optics_struct(dtype), colour_struct(dtype)
 
     @no_type_check
-    @wp.func_native(vector_snippet(dtype, _LIGHT))
+    @wp.func_native(snippet(_LIGHT, _PASSED))
     def refract_row(
         across: wp.array2d[dtype],
         y: dtype,
@@ -177,7 +224,7 @@ def row_refraction_functions(dtype: Any) -> tuple[Any, Any]:
     ): ...
 
     @no_type_check
-    @wp.func_native(vector_snippet(dtype, _LIGHT_ADJOINT))
+    @wp.func_native(snippet(_LIGHT_ADJOINT, _PASSED_ADJOINT))
     def refract_row_adjoint(
         across: wp.array2d[dtype],
         y: dtype,

@@ -1,7 +1,7 @@
 """Rows of lattice photons from surface to pixels and back, on a CPU: what ``fused.py`` does, sixteen photons at a time.
 
 A row goes through scratch memory in three steps, ``row_surface.py``, refraction and ``row_pixels.py``. Refraction is
-``row_refraction.py`` for light from straight above without further effects, otherwise the functions of the other
+``row_refraction.py`` for light from straight above and a lamp without size, otherwise the functions of the other
 kernels photon by photon. A launch of Warp runs on one core, row after row, so rows share their scratch memory; every
 core has a launch and an image of its own (``chunked.py``).
 """
@@ -30,9 +30,9 @@ from warp_caustics.kernels.row_surface import both_ways_function, row_surface_fu
 from warp_caustics.kernels.surface import photon_struct, surface_functions
 
 
-def is_plain(effects: Effects) -> bool:
+def is_vectorised(effects: Effects) -> bool:
     """Whether a row's refraction is done sixteen photons at a time."""
-    return effects == Effects(many_benches=effects.many_benches)
+    return effects.is_straight and not effects.lamp
 
 
 @cache
@@ -40,7 +40,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """What both kernels share: ``along_y``, ``photon_of``, ``footprint_of`` and ``light_of_row``."""
     surface = surface_functions(dtype)
     weights, slopes, curvatures = surface.spline_weights, surface.spline_slopes, surface.spline_curvatures
-    refract_row, _ = row_refraction_functions(dtype)
+    refract_row, _ = row_refraction_functions(dtype, effects.fresnel)
     footprints = footprints_function(dtype, 1, effects)
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
@@ -48,7 +48,8 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     Footprint = footprint_struct(dtype, 0)
     vec6 = wp.types.vector(length=6, dtype=dtype)
     half = wp.constant(dtype(0.5))
-    plain = is_plain(effects)
+    zero = wp.constant(dtype(0.0))
+    vectorised, is_blocked = is_vectorised(effects), effects.second_hits
 
     @no_type_check
     @wp.func
@@ -95,8 +96,12 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         work: wp.array2d[dtype],
     ):
         """Surface maps to footprints of a row at one wavelength; ``first`` is the number of its first photon."""
-        if wp.static(plain):
+        if wp.static(vectorised):
             refract_row(across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, work)
+            if wp.static(is_blocked):
+                for j in range(photons.columns):
+                    if photons.clear[b, c, first + j] == wp.uint8(0):
+                        work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
         else:
             for j in range(photons.columns):
                 f = footprints(photon_of(work, across, j, y), c, photons, b, first + j)
@@ -200,10 +205,10 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
     along_y, photon_of, footprint_of = functions.along_y, functions.photon_of, functions.footprint_of
     light_of_row = functions.light_of_row
     row_maps, row_maps_adjoint = row_surface_functions(dtype)
-    _, refract_row_adjoint = row_refraction_functions(dtype)
+    _, refract_row_adjoint = row_refraction_functions(dtype, effects.fresnel)
     _, gather_row_of_photons = row_pixel_functions(dtype)
     gather = gathering_function(dtype, "spline", 1, True)
-    plain, is_straight = is_plain(effects), effects.is_straight
+    vectorised, is_straight = is_vectorised(effects), effects.is_straight
     collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
     refraction = (collimated if is_straight else general).refraction
     footprint_adjoint, record_gradient, weighted = (
@@ -230,7 +235,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
         """Gradient of footprints to that of the surface maps, which is added to, or written for the first wavelength."""
         optics = optics_of(photons, b)
         colour = colour_of(photons, b, c)
-        if wp.static(plain):
+        if wp.static(vectorised):
             refract_row_adjoint(across, y, colour, optics, photons.columns, c == 0, work)
         else:
             for j in range(photons.columns):
