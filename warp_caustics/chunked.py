@@ -11,7 +11,8 @@ import warp as wp
 
 from warp_caustics.photons import Chunk, PhotonPlan
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 CHUNK_BYTES = {"cpu": 64 * 2**20, "cuda": 2**30}
 """Arrays per photon held at a time."""

@@ -12,6 +12,7 @@ import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -61,12 +62,9 @@ class Engine:
         start_warp()
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
-        self.surface = surface_kernels(self.warp_dtype)
-        self.splatter = splat_kernels(self.warp_dtype, profile, device.type == "cpu")
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
         self._prefilter_transposed = self.prefilter.T.contiguous()
         self.optics = Optics([scene], plan, smoothing, profile, device, dtype)
-        self.tracer = trace_kernels(self.warp_dtype, self.optics.effects)
         self._positions: dict[Chunk, torch.Tensor] = {}
         self._photons: dict[tuple[int, int], Any] = {}
         self._axes: dict[Chunk, torch.Tensor] = {}
@@ -89,11 +87,10 @@ class Engine:
         if self.plan.placement == "lattice":
             _ = self._lattice_matrices, self.rows  # made once, and by the first
         other = copy.copy(self)
-        for name in ("in_double_precision", "fused"):
+        for name in ("in_double_precision", "fused", "tracer"):
             other.__dict__.pop(name, None)
         other.scene = scenes[0]
         other.optics = Optics(scenes, self.plan, self.smoothing, self.profile, self.device, self.dtype, spectra)
-        other.tracer = trace_kernels(self.warp_dtype, other.optics.effects)
         other._photons, other._lattices, other._replays = {}, {}, Replays()
         return other
 
@@ -103,6 +100,20 @@ class Engine:
         if self.dtype == torch.float64:
             return self
         return Engine(self.scene, self.plan, self.smoothing, self.profile, self.device, torch.float64)
+
+    # -- kernels of single stages, made when somebody asks for them
+
+    @cached_property
+    def surface(self) -> SimpleNamespace:
+        return surface_kernels(self.warp_dtype)
+
+    @cached_property
+    def tracer(self) -> SimpleNamespace:
+        return trace_kernels(self.warp_dtype, self.optics.effects)
+
+    @cached_property
+    def splatter(self) -> SimpleNamespace:
+        return splat_kernels(self.warp_dtype, self.profile, self.device.type == "cpu")
 
     # -- the linear stage -------------------------------------------------------------------------------------
 

@@ -97,7 +97,9 @@ class LatticeRows:
             total.numpy()[...] += part.numpy()
         return total
 
-    def filtered(self, planes: torch.Tensor, matrix: torch.Tensor, transposed: torch.Tensor, optics: Optics) -> torch.Tensor:
+    def filtered(
+        self, planes: torch.Tensor, matrix: torch.Tensor, transposed: torch.Tensor, optics: Optics
+    ) -> torch.Tensor:
         """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose."""
         rows, inner = matrix.shape
         found = torch.empty(len(planes), rows, rows, dtype=self._dtype)

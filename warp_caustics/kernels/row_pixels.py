@@ -7,7 +7,7 @@ for ``pixels.py``.
 """
 
 from functools import cache
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -107,7 +107,8 @@ _PER_BLOCK = f"""
             const real most = __builtin_reduce_max(is_here ? size : zero);
             if (most <= real(3)) work_on(Four{{}});
             // Five of eight columns that are read: the window must not be pushed back by the image's side.
-            else if (most <= real(4) && __builtin_reduce_max(is_here ? rightmost : zero) < real(width - 7)) work_on(Five{{}});
+            else if (most <= real(4) && __builtin_reduce_max(is_here ? rightmost : zero) < real(width - 7))
+                work_on(Five{{}});
             else work_on(Eight{{}});
         }}
     }}
@@ -208,7 +209,8 @@ _GATHER = {
                         const Q e = *(const Q*)(pixels + at[i + 8] + n), h = *(const Q*)(pixels + at[i + 12] + n);
                         const U ad = __builtin_shufflevector(a, d, 0, 1, 2, 3, 4, 5, 6, 7);
                         const U eh = __builtin_shufflevector(e, h, 0, 1, 2, 3, 4, 5, 6, 7);
-                        g[n + i] = __builtin_shufflevector(ad, eh, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+                        g[n + i] =
+                            __builtin_shufflevector(ad, eh, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
                     }
                     turn(g + n);
                 }

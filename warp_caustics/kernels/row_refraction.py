@@ -1,7 +1,7 @@
 """Refraction of light from straight above for a row of lattice photons, sixteen at a time, on a CPU.
 
-The formulas and names are those of ``collimated.py``, ``footprint.py`` and ``fresnel.py``, where they are explained; lamps
-of finite size and light from elsewhere are left to those.
+The formulas and names are those of ``collimated.py``, ``footprint.py`` and ``fresnel.py``, where they are explained;
+lamps of finite size and light from elsewhere are left to those.
 """
 
 from functools import cache

@@ -112,9 +112,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
                 work[wp.static(FOOTPRINT_PLANE + 4), j] = f.beta[0]
                 work[wp.static(FOOTPRINT_PLANE + 5), j] = f.amplitude[0]
 
-    return SimpleNamespace(
-        along_y=along_y, photon_of=photon_of, footprint_of=footprint_of, light_of_row=light_of_row
-    )
+    return SimpleNamespace(along_y=along_y, photon_of=photon_of, footprint_of=footprint_of, light_of_row=light_of_row)
 
 
 @cache
@@ -160,8 +158,9 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
     ):
         """Add rows of lattice photons to the image [W/m^2].
 
-        Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set to
-        zero when light comes to them.  coefficients [B, n + 4, n + 4]; the rest is scratch memory, and the lattice: see ``lattice_rows.py``.
+        Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set
+        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4]; for the rest, scratch memory and
+        the lattice, see ``lattice_rows.py``.
         """
         b, i = wp.tid()
         y = photons.positions[1, i]
@@ -232,7 +231,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
         c: wp.int32,
         work: wp.array2d[dtype],
     ):
-        """Gradient of footprints to that of the surface maps, which is added to, or written for the first wavelength."""
+        """Gradient of footprints to that of the surface maps: written for the first wavelength, then added to."""
         optics = optics_of(photons, b)
         colour = colour_of(photons, b, c)
         if wp.static(vectorised):
