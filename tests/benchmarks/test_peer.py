@@ -1,7 +1,6 @@
 """Beside Dr.Jit: who cannot have it is told in one line; calls take turns."""
 
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +9,14 @@ from benchmarks import peer
 
 
 def test_without_the_wheel_one_line_says_so(tmp_path, monkeypatch, capsys):
+    def refusing(folder, **_):
+        python = folder / "bin" / "python"
+        python.parent.mkdir(parents=True)
+        python.write_text("#!/bin/sh\nprintf 'much\\nERROR: No matching distribution found\\n\\n' >&2\nexit 1\n")
+        python.chmod(0o755)
+
     monkeypatch.setattr(peer, "ENVIRONMENT", tmp_path / "peer")
-    monkeypatch.setattr(peer.venv, "create", lambda *_, **__: (tmp_path / "peer").mkdir())
-    refusal = SimpleNamespace(returncode=1, stderr="much\nERROR: No matching distribution found\n\n")
-    monkeypatch.setattr(peer.subprocess, "run", lambda *_, **__: refusal)
+    monkeypatch.setattr(peer.venv, "create", refusing)
     monkeypatch.setattr(sys, "argv", ["peer"])
     with pytest.raises(SystemExit) as end:
         peer.main()
