@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu bench-lab train-weights clean
+.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu bench-peer bench-lab train-weights clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-14s %s\n", $$1, $$2}'
@@ -51,9 +51,13 @@ bench: $(STAMP) ## how fast the simulator is on this CPU, with its error
 bench-gpu: $(STAMP) ## the same on a GPU
 	$(BIN)/python -m benchmarks.speed --device cuda --json benchmarks/gpu.json
 
+bench-peer: $(STAMP) ## beside a tracer in Dr.Jit, which is installed below build/ (PEER_OPTIONS='--device cuda')
+	$(BIN)/python -m benchmarks.peer --json benchmarks/peer.json $(PEER_OPTIONS)
+
 SUITES := ideal one-thing lab prints
 BENCH_METHODS ?= flat,direct,auto
 BENCH_OPTIONS ?=
+PEER_OPTIONS ?=
 
 bench-lab: $(STAMP) ## methods on the test bench, tables of docs/bench.md (BENCH_METHODS, BENCH_OPTIONS='--fields 1')
 	mkdir -p build/bench

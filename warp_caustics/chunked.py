@@ -1,15 +1,18 @@
 """Sums over chunks of photons, on one GPU stream or on all cores of a CPU."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 import warp as wp
 
 from warp_caustics.photons import Chunk, PhotonPlan
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 CHUNK_BYTES = {"cpu": 64 * 2**20, "cuda": 2**30}
 """Arrays per photon held at a time."""
@@ -23,7 +26,7 @@ MIN_CHUNK_PHOTONS = 2048
 
 @cache
 def _thread_pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=min(CPU_SLOTS, torch.get_num_threads()), thread_name_prefix="caustics")
+    return ThreadPoolExecutor(max_workers=torch.get_num_threads(), thread_name_prefix="caustics")
 
 
 def sum_over_chunks(
@@ -47,23 +50,37 @@ def sum_over_chunks(
             for chunk in plan.chunks(limit):
                 add(total, chunk)
             return total
-    share = max(MIN_CHUNK_PHOTONS, -(-plan.count // CPU_SLOTS))
-    chunks = list(plan.chunks(min(limit, share)))
-    slots = [chunks[k::CPU_SLOTS] for k in range(min(CPU_SLOTS, len(chunks)))]
+    slots = cpu_slots(plan, CPU_SLOTS, limit)
 
     def fill(slot: list[Chunk]) -> torch.Tensor:
-        # torch's no_grad is per thread.
-        with torch.no_grad():
-            total = torch.zeros(shape, dtype=dtype)
-            for chunk in slot:
-                add(total, chunk)
-            return total
+        total = torch.zeros(shape, dtype=dtype)
+        for chunk in slot:
+            add(total, chunk)
+        return total
 
-    parts = list(_thread_pool().map(fill, slots)) if len(slots) > 1 else [fill(slots[0])]
-    total = parts[0]
-    for part in parts[1:]:
+    parts = on_all_cores(fill, slots)
+    total = next(parts)
+    for part in parts:
         total += part
     return total
+
+
+def cpu_slots(plan: PhotonPlan, wished: int, limit: int) -> list[list[Chunk]]:
+    """Chunks of at most so many photons, shared out to at most ``wished`` slots; the same for any number of cores."""
+    share = max(MIN_CHUNK_PHOTONS, -(-plan.count // wished))
+    chunks = list(plan.chunks(min(limit, share)))
+    return [chunks[k::wished] for k in range(min(wished, len(chunks)))]
+
+
+def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """What ``work`` returns for each item, in order, without gradients; done on all cores of the CPU."""
+
+    def without_gradients(item: Item) -> Result:
+        # torch's no_grad is per thread.
+        with torch.no_grad():
+            return work(item)
+
+    return _thread_pool().map(without_gradients, items) if len(items) > 1 else map(without_gradients, items)
 
 
 def warp_stream(device: torch.device) -> contextlib.AbstractContextManager[Any]:

@@ -12,6 +12,7 @@ import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -28,6 +29,7 @@ from warp_caustics.kernels.splat import splat_kernels
 from warp_caustics.kernels.surface import surface_kernels
 from warp_caustics.kernels.trace import trace_kernels
 from warp_caustics.landings import Landings
+from warp_caustics.lattice_rows import LatticeRows
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan, sorted_by_cell
 from warp_caustics.scene import Profile, Scene
@@ -60,11 +62,9 @@ class Engine:
         start_warp()
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
-        self.surface = surface_kernels(self.warp_dtype)
-        self.splatter = splat_kernels(self.warp_dtype, profile, device.type == "cpu")
         self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
+        self._prefilter_transposed = self.prefilter.T.contiguous()
         self.optics = Optics([scene], plan, smoothing, profile, device, dtype)
-        self.tracer = trace_kernels(self.warp_dtype, self.optics.effects)
         self._positions: dict[Chunk, torch.Tensor] = {}
         self._photons: dict[tuple[int, int], Any] = {}
         self._axes: dict[Chunk, torch.Tensor] = {}
@@ -85,13 +85,12 @@ class Engine:
         Spline matrices and starting points of photons are shared.
         """
         if self.plan.placement == "lattice":
-            _ = self._lattice_matrices  # made once, and by the first
+            _ = self._lattice_matrices, self.rows  # made once, and by the first
         other = copy.copy(self)
-        for name in ("in_double_precision", "fused"):
+        for name in ("in_double_precision", "fused", "tracer"):
             other.__dict__.pop(name, None)
         other.scene = scenes[0]
         other.optics = Optics(scenes, self.plan, self.smoothing, self.profile, self.device, self.dtype, spectra)
-        other.tracer = trace_kernels(self.warp_dtype, other.optics.effects)
         other._photons, other._lattices, other._replays = {}, {}, Replays()
         return other
 
@@ -102,14 +101,32 @@ class Engine:
             return self
         return Engine(self.scene, self.plan, self.smoothing, self.profile, self.device, torch.float64)
 
+    # -- kernels of single stages, made when somebody asks for them
+
+    @cached_property
+    def surface(self) -> SimpleNamespace:
+        return surface_kernels(self.warp_dtype)
+
+    @cached_property
+    def tracer(self) -> SimpleNamespace:
+        return trace_kernels(self.warp_dtype, self.optics.effects)
+
+    @cached_property
+    def splatter(self) -> SimpleNamespace:
+        return splat_kernels(self.warp_dtype, self.profile, self.device.type == "cpu")
+
     # -- the linear stage -------------------------------------------------------------------------------------
 
     def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
         """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
+        if self.rows is not None:
+            return self.rows.filtered(heights, self.prefilter, self._prefilter_transposed, self.optics)
         return self.prefilter @ heights @ self.prefilter.T
 
     def coefficients_adjoint(self, grad: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`coefficients`."""
+        if self.rows is not None:
+            return self.rows.filtered(grad, self._prefilter_transposed, self.prefilter, self.optics)
         return self.prefilter.T @ grad @ self.prefilter
 
     @cached_property
@@ -250,6 +267,12 @@ class Engine:
         """All stages of a photon in one kernel."""
         return FusedPhotons(self.optics, self.plan, self.device, self.dtype, self.profile)
 
+    @cached_property
+    def rows(self) -> LatticeRows | None:
+        """Splines on a lattice on a CPU go row by row."""
+        is_here = self.device.type == "cpu" and self.plan.placement == "lattice" and self.profile == "spline"
+        return LatticeRows(self.plan, self.dtype) if is_here else None
+
     def reseed(self, seed: int, role: str) -> None:
         """Take another photon set of the same size; recorded graphs keep reading the same memory."""
         self.plan = replace(self.plan, seed=seed, role=role)
@@ -318,7 +341,10 @@ class Engine:
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
-        coefficients, fused = self.coefficients(heights), self.fused
+        coefficients = self.coefficients(heights)
+        if self.rows is not None:
+            return self.rows.image(coefficients, self.fused_photons, self.optics)
+        fused = self.fused
 
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
@@ -326,7 +352,11 @@ class Engine:
         return fused.unpacked(self._sum(fused.image_shape(heights.shape[0]), add))
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        coefficients, fused = self.coefficients(heights), self.fused
+        coefficients = self.coefficients(heights)
+        if self.rows is not None:
+            grad = self.rows.image_adjoint(coefficients, self.fused_photons, self.optics, grad_image)
+            return self.coefficients_adjoint(grad)
+        fused = self.fused
 
         def add(grad: torch.Tensor, chunk: Chunk) -> None:
             grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk, coefficients), grad_image)

@@ -25,7 +25,7 @@ LAYERS = {
         "io kernels presets",
         "photons chunked camera",
         "optics prints",
-        "fused",
+        "fused lattice_rows",
         "engine",
         "simulator oracle",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",

@@ -15,6 +15,9 @@ TILTED = ALL_EFFECTS.model_copy(update={"light_tilt_rad": (0.05, -0.03)})
 """By the general form of refraction."""
 
 
+# A CPU takes a lattice of splines row by row (``rows``) where it is not told otherwise.
+
+
 def add_together(fused):
     """All wavelengths of a photon at once, as on GPUs: these always leave wide footprints to a second launch."""
     fused.width, fused.defers = fused.channels, True
@@ -34,6 +37,7 @@ def image_and_gradient(
     simulator = CausticSimulator(
         scene, n_photons=900, smoothing=2.5, dtype=torch.float64, profile=profile, placement=placement
     )
+    simulator.engine.rows = None
     fused = simulator.engine.fused
     if together:
         add_together(fused)
@@ -136,6 +140,7 @@ def test_channels_far_apart_are_done_one_by_one(wide_pixels):
     for together in (False, True):
         simulator = CausticSimulator(scene, n_photons=400, smoothing=0.3, dtype=torch.float64)
         engine = simulator.engine
+        engine.rows = None
         if together:
             add_together(engine.fused)
         engine.optics.shared.wide_pixels = wide_pixels
@@ -166,6 +171,7 @@ def test_packed_image_and_gradient_match_the_oracle(scene):
     """float64 to 1e-10 of the largest value, several blocks of rows per footprint included."""
     scene = scene.model_copy(update={"image_pixels": 80})
     simulator = CausticSimulator(scene, n_photons=400, smoothing=6.0, dtype=torch.float64)
+    simulator.engine.rows = None
     add_together(simulator.engine.fused)
     simulator.engine.optics.shared.wide_pixels = 30.0
     generator = torch.Generator().manual_seed(0)

@@ -32,7 +32,7 @@ APART_SIGMAS, APART_PX = 3.0, 2.0
 
 
 @cache
-def _footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
+def footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
     """``footprints``: those of a photon at ``width`` neighbouring wavelengths."""
     light = (collimated_functions if effects.is_straight else general_functions)(dtype, effects)
     refraction, footprint = light.refraction, light.footprint
@@ -128,7 +128,7 @@ def fused_kernels(
     adding_alone = adding_functions(dtype, profile, 1, lanes, is_packed, in_registers)
     row_window, add_rows = adding.row_window, adding.add_rows
     row_window_of, add_rows_of = adding_alone.row_window, adding_alone.add_rows
-    footprints, footprint_of = _footprints_function(dtype, width, effects), _footprints_function(dtype, 1, effects)
+    footprints, footprint_of = footprints_function(dtype, width, effects), footprints_function(dtype, 1, effects)
     extent, put_off = _extent_function(dtype, profile, width), wide_functions(dtype, profile, is_packed).put_off
     photon_at = photon_function(dtype, is_lattice)
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)

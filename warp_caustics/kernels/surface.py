@@ -12,7 +12,7 @@ from warp_caustics.kernels.photons import photons_struct
 
 @cache
 def surface_functions(dtype: Any) -> SimpleNamespace:
-    """Warp function ``surface_at`` for float32 or float64."""
+    """Warp functions for float32 or float64: ``surface_at`` and the weights of four neighbouring coefficients."""
     Photons = photons_struct(dtype)
     vec4 = wp.types.vector(length=4, dtype=dtype)
     vec6 = wp.types.vector(length=6, dtype=dtype)
@@ -106,7 +106,12 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
             h_yy * samples_per_m_y * samples_per_m_y,
         )
 
-    return SimpleNamespace(surface_at=surface_at)
+    return SimpleNamespace(
+        surface_at=surface_at,
+        spline_weights=spline_weights,
+        spline_slopes=spline_slopes,
+        spline_curvatures=spline_curvatures,
+    )
 
 
 @cache

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.types import FloatArray
 

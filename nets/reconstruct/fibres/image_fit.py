@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.prints.model import LineModel

@@ -6,8 +6,8 @@ missing part, and no small step shows that a long one would help.
 
 from collections.abc import Iterator
 
+import scipy  # loads its parts when they are first used
 import torch
-from scipy import ndimage
 
 from nets.reconstruct.fibres.image_fit import ImageFit
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
@@ -104,6 +104,6 @@ def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
     cells = torch.nn.functional.adaptive_avg_pool2d(misfit[None], model.n)[0].cpu().numpy()
     scores = []
     for k, part in enumerate(parts.cpu().numpy()):
-        near = ndimage.binary_dilation(part > 0, iterations=3)
+        near = scipy.ndimage.binary_dilation(part > 0, iterations=3)
         scores.append((float(cells[near].mean()) if near.any() else 0.0, k))
     return [k for _, k in sorted(scores, reverse=True)]

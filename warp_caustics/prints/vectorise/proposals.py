@@ -2,7 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.types import FloatArray
 
@@ -26,7 +26,7 @@ def proposed_lines(residual_m: FloatArray, plate_size_m: tuple[float, float], co
     Returns:
         Shape [at most 2 count, 6] [m], without claim to be right: a start for a fit.
     """
-    smooth = ndimage.gaussian_filter(residual_m, 0.7)
+    smooth = scipy.ndimage.gaussian_filter(residual_m, 0.7)
     free = smooth.copy()
     rows, columns = np.ogrid[: len(smooth), : smooth.shape[1]]
     lines: list[list[float]] = []
@@ -48,8 +48,8 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, floa
     angles = np.arange(ANGLES) * np.pi / ANGLES
     # Directions in samples: of a plate that is not square they are a little off, the fit turns them.
     dx, dy = np.cos(angles)[:, None] * steps, np.sin(angles)[:, None] * steps
-    along = ndimage.map_coordinates(smooth, [i + dy, j + dx], order=1, mode="constant", cval=-1.0)
-    across = ndimage.map_coordinates(smooth, [i + dx, j - dy], order=1, mode="constant", cval=-1.0)
+    along = scipy.ndimage.map_coordinates(smooth, [i + dy, j + dx], order=1, mode="constant", cval=-1.0)
+    across = scipy.ndimage.map_coordinates(smooth, [i + dx, j - dy], order=1, mode="constant", cval=-1.0)
     found = []
     for k, angle in enumerate(angles):
         first, last = _run(along[k] > RIDGE_END_SHARE * top)

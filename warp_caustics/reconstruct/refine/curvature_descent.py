@@ -6,7 +6,7 @@ Liu and Nocedal 1989; SciPy runs the form with bounds (Byrd et al. 1995), which 
 from collections.abc import Callable
 
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.data_gradient import lowest_height_m

@@ -12,7 +12,7 @@ paths cross (folds) that very freedom leads astray, and small local steps, the
 import math
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.types import FloatArray
 

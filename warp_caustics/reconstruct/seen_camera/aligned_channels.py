@@ -1,7 +1,7 @@
 """The measured image with its channels where the middle one lies."""
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.reconstruct.base import CausticImage

@@ -10,7 +10,7 @@ from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.errors import InputError
 from warp_caustics.io.heights import read_heights

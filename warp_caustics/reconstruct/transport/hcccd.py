@@ -28,7 +28,7 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 import torch
 from pydantic import Field
 

@@ -12,7 +12,7 @@ free edges instead of the Fourier transform):
 import math
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.types import FloatArray
 

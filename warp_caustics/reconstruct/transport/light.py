@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.errors import InputError
 from warp_caustics.reconstruct.base import CausticImage

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import scipy.ndimage
+import scipy  # loads its parts when they are first used
 import torch
 from pydantic import Field
 

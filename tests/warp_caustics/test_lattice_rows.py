@@ -1,0 +1,86 @@
+"""Rows of lattice photons on a CPU against the kernels that take photon by photon."""
+
+import pytest
+import torch
+
+from warp_caustics import CausticSimulator, Scene, lattice_rows
+
+SCENE = Scene(height_samples=20, image_pixels=48, exit_medium="glass")
+FAR = {"screen_position_m": (1e-3, -2e-3, -0.02), "exit_medium": "air"}
+
+CASES = {
+    "contact": ({}, 96**2),
+    "far and off centre": (FAR, 96**2),
+    "fresnel, far": ({**FAR, "fresnel": True}, 80**2),
+    "lamp": ({"lamp_half_angle_rad": 0.02}, 80**2),
+    "tilt": ({"light_tilt_rad": (0.02, -0.01)}, 80**2),
+    "second hits": ({"second_hits": "lost"}, 80**2),
+    "second hits, tilt": ({"second_hits": "lost", "light_tilt_rad": (0.02, -0.01)}, 80**2),
+    "point light": ({"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9}, 80**2),
+    "out of sight": ({"screen_position_m": (1.0, 0.0, -1e-6)}, 80**2),
+    "half out of sight": ({"screen_position_m": (0.009, -0.007, -1e-6)}, 80**2),
+    "fewer photons than samples": ({}, 11**2),
+    "more photons in a cell than a vector holds": ({"height_samples": 6}, 200**2),
+    "oblong": ({"plate_size_m": (0.02, 0.013)}, 7001),
+    "pixels fewer than a window": ({"image_pixels": 5}, 60**2),
+    "footprints over more rows than are done at once": ({"image_pixels": 400}, 40**2),
+}
+
+
+def relief(scene: Scene, batch: int = 1, dtype: torch.dtype = torch.float64) -> torch.Tensor:
+    """Smooth and steep in places: footprints of all widths."""
+    n = scene.height_samples
+    rough = torch.rand(batch, 1, n, n, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    smooth = torch.nn.functional.avg_pool2d(rough, 3, 1, 1)
+    return (1.5e-3 * smooth * torch.linspace(0, 1, n) ** 2)[:, 0].to(dtype)
+
+
+def both(
+    simulator: CausticSimulator, heights: torch.Tensor, weights: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    engine = simulator.engine
+    return engine.image(heights), engine.image_adjoint(heights, weights)
+
+
+def one_by_one(simulator: CausticSimulator) -> CausticSimulator:
+    """The same without rows."""
+    other = CausticSimulator(
+        simulator.scene, n_photons=simulator.plan.requested, dtype=simulator.dtype, profile=simulator.profile
+    )
+    other.engine.rows = None
+    return other
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("name", CASES)
+def test_rows_are_the_photons_one_by_one(name, dtype):
+    """Image and gradient, to rounding: borders, windows of every width, all effects."""
+    changes, n_photons = CASES[name]
+    scene = Scene(**{**SCENE.model_dump(), **changes})
+    simulator = CausticSimulator(scene, n_photons=n_photons, dtype=dtype)
+    assert simulator.engine.rows is not None
+    heights = relief(scene, 2, dtype)
+    shape = 2, scene.n_wavelengths, scene.image_pixels, scene.image_pixels
+    weights = torch.randn(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64).to(dtype)
+    found, expected = both(simulator, heights, weights), both(one_by_one(simulator), heights, weights)
+    tolerance = 1e-10 if dtype == torch.float64 else 2e-4
+    for a, b in zip(found, expected, strict=True):
+        assert float((a - b).abs().max()) <= tolerance * float(b.abs().max())
+    assert (float(expected[0].max()) == 0) == (name == "out of sight")
+    if name != "out of sight":
+        assert float(found[0].double().sum() / expected[0].double().sum() - 1) == pytest.approx(0, abs=1e-6)
+
+
+def test_a_relief_does_not_know_its_neighbours(monkeypatch):
+    """Bit for bit, however many images are summed at a time."""
+    simulator = CausticSimulator(SCENE, n_photons=96**2)
+    heights = relief(SCENE, 3, torch.float32)
+    together = simulator(heights)
+    monkeypatch.setattr(lattice_rows, "BATCH_BYTES", 1)
+    assert torch.equal(simulator(heights), together)
+    assert torch.equal(torch.stack([simulator(one) for one in heights]), together)
+
+
+def test_other_photons_go_one_by_one():
+    for options in ({"profile": "gaussian"}, {"placement": "stratified"}, {"preset": "paper"}):
+        assert CausticSimulator(SCENE, n_photons=900, **options).engine.rows is None

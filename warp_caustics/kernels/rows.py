@@ -1,0 +1,319 @@
+"""Rows of lattice photons from surface to pixels and back, on a CPU: what ``fused.py`` does, sixteen photons at a time.
+
+A row goes through scratch memory in three steps, ``row_surface.py``, refraction and ``row_pixels.py``. Refraction is
+``row_refraction.py`` for light from straight above and a lamp without size, otherwise the functions of the other
+kernels photon by photon. A launch of Warp runs on one core, row after row, so rows share their scratch memory; every
+core has a launch and an image of its own (``chunked.py``).
+"""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, no_type_check
+
+import warp as wp
+
+from warp_caustics.kernels.collimated import collimated_functions
+from warp_caustics.kernels.effects import Effects
+from warp_caustics.kernels.footprint import footprint_struct
+from warp_caustics.kernels.fused import footprints_function
+from warp_caustics.kernels.general import general_functions
+from warp_caustics.kernels.photons import bench_functions, photons_struct
+from warp_caustics.kernels.pixels import adding_functions, gathering_function
+from warp_caustics.kernels.row_pixels import row_pixel_functions
+from warp_caustics.kernels.row_refraction import (
+    FOOTPRINT_PLANE,
+    GRADIENT_PLANE,
+    MAP_GRADIENT_PLANE,
+    row_refraction_functions,
+)
+from warp_caustics.kernels.row_surface import both_ways_function, row_surface_functions
+from warp_caustics.kernels.surface import photon_struct, surface_functions
+
+
+def is_vectorised(effects: Effects) -> bool:
+    """Whether a row's refraction is done sixteen photons at a time."""
+    return effects.is_straight and not effects.lamp
+
+
+@cache
+def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
+    """What both kernels share: ``along_y``, ``photon_of``, ``footprint_of`` and ``light_of_row``."""
+    surface = surface_functions(dtype)
+    weights, slopes, curvatures = surface.spline_weights, surface.spline_slopes, surface.spline_curvatures
+    refract_row, _ = row_refraction_functions(dtype, effects.fresnel)
+    footprints = footprints_function(dtype, 1, effects)
+    bench = bench_functions(dtype, effects)
+    optics_of, colour_of = bench.optics_of, bench.colour_of
+    Photon, Photons = photon_struct(dtype), photons_struct(dtype)
+    Footprint = footprint_struct(dtype, 0)
+    vec6 = wp.types.vector(length=6, dtype=dtype)
+    half = wp.constant(dtype(0.5))
+    zero = wp.constant(dtype(0.0))
+    vectorised, is_blocked = is_vectorised(effects), effects.second_hits
+
+    @no_type_check
+    @wp.func
+    def along_y(y: dtype, photons: Photons):
+        """First of four rows of coefficients, and their weights, slopes and curvatures [per m]."""
+        n = photons.samples
+        per_m = photons.samples_per_m_y
+        v = y * per_m + half * dtype(n) - half
+        row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
+        t = v - dtype(row)
+        return row + 1, weights(t), slopes(t) * per_m, curvatures(t) * (per_m * per_m)
+
+    @no_type_check
+    @wp.func
+    def photon_of(work: wp.array2d[dtype], across: wp.array2d[dtype], j: wp.int32, y: dtype):
+        """Photon in column j."""
+        maps = vec6()
+        for i in range(6):
+            maps[i] = work[i, j]
+        return Photon(across[1, j], y, maps)
+
+    @no_type_check
+    @wp.func
+    def footprint_of(work: wp.array2d[dtype], plane: wp.int32, j: wp.int32):
+        """Footprint in column j, or its gradient."""
+        return Footprint(
+            work[plane, j],
+            work[plane + 1, j],
+            work[plane + 2, j],
+            work[plane + 3, j],
+            work[plane + 4, j],
+            work[plane + 5, j],
+        )
+
+    @no_type_check
+    @wp.func
+    def light_of_row(
+        across: wp.array2d[dtype],
+        y: dtype,
+        photons: Photons,
+        b: wp.int32,
+        c: wp.int32,
+        first: wp.int32,
+        work: wp.array2d[dtype],
+    ):
+        """Surface maps to footprints of a row at one wavelength; ``first`` is the number of its first photon."""
+        if wp.static(vectorised):
+            refract_row(across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, work)
+            if wp.static(is_blocked):
+                for j in range(photons.columns):
+                    if photons.clear[b, c, first + j] == wp.uint8(0):
+                        work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
+        else:
+            for j in range(photons.columns):
+                f = footprints(photon_of(work, across, j, y), c, photons, b, first + j)
+                work[wp.static(FOOTPRINT_PLANE), j] = f.column[0]
+                work[wp.static(FOOTPRINT_PLANE + 1), j] = f.row[0]
+                work[wp.static(FOOTPRINT_PLANE + 2), j] = f.sigma_x[0]
+                work[wp.static(FOOTPRINT_PLANE + 3), j] = f.sigma_y[0]
+                work[wp.static(FOOTPRINT_PLANE + 4), j] = f.beta[0]
+                work[wp.static(FOOTPRINT_PLANE + 5), j] = f.amplitude[0]
+
+    return SimpleNamespace(along_y=along_y, photon_of=photon_of, footprint_of=footprint_of, light_of_row=light_of_row)
+
+
+@cache
+def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
+    """Kernels ``splat_rows`` and ``filter_planes``, compiled together."""
+    module = "_".join((__name__, dtype.__name__, *(str(int(is_on)) for is_on in effects)))
+    both_ways = both_ways_function(dtype)
+    functions = _row_functions(dtype, effects)
+    along_y, footprint_of, light_of_row = functions.along_y, functions.footprint_of, functions.light_of_row
+    row_maps, _ = row_surface_functions(dtype)
+    add_row_of_photons, _ = row_pixel_functions(dtype)
+    adding = adding_functions(dtype, "spline", 1, 1, False, True)
+    row_window, add_rows = adding.row_window, adding.add_rows
+    Photons, Footprints = photons_struct(dtype), footprint_struct(dtype, 1)
+    vector = wp.types.vector(length=1, dtype=dtype)
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module=module)
+    def filter_planes(
+        matrix: wp.array2d[dtype],
+        transposed: wp.array2d[dtype],
+        planes: wp.array3d[dtype],
+        work: wp.array[dtype],
+        # outputs
+        filtered: wp.array3d[dtype],
+    ):
+        """filtered[b] = matrix @ planes[b] @ transposed: heights to coefficients, and the adjoint of that."""
+        both_ways(matrix, transposed, planes, wp.tid(), work, filtered)
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module=module)
+    def splat_rows(
+        coefficients: wp.array3d[dtype],
+        photons: Photons,
+        across: wp.array2d[dtype],
+        first_photon: wp.array[wp.int32],
+        by_cell: wp.array2d[dtype],
+        work: wp.array2d[dtype],
+        listed: wp.array[wp.int32],
+        # outputs
+        image: wp.array4d[dtype],
+        lit_rows: wp.array2d[wp.int32],
+    ):
+        """Add rows of lattice photons to the image [W/m^2].
+
+        Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set
+        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4]; for the rest, scratch memory and
+        the lattice, see ``lattice_rows.py``.
+        """
+        b, i = wp.tid()
+        y = photons.positions[1, i]
+        cell_row, weights, slopes, curvatures = along_y(y, photons)
+        row_maps(
+            coefficients,
+            b,
+            cell_row,
+            weights,
+            slopes,
+            curvatures,
+            photons.samples_per_m_x,
+            across,
+            first_photon,
+            by_cell,
+            work,
+        )
+        for c in range(image.shape[1]):
+            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            others = add_row_of_photons(work, photons.columns, b, c, image, listed, lit_rows)
+            for k in range(others):
+                f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
+                alone = Footprints(
+                    vector(f.column),
+                    vector(f.row),
+                    vector(f.sigma_x),
+                    vector(f.sigma_y),
+                    vector(f.beta),
+                    vector(f.amplitude),
+                )
+                first, last = row_window(alone, image)
+                add_rows(alone, first, last, b, c, 0, image)
+
+    return SimpleNamespace(splat_rows=splat_rows, filter_planes=filter_planes)
+
+
+@cache
+def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
+    """Kernel ``splat_rows_adjoint``."""
+    functions = _row_functions(dtype, effects)
+    along_y, photon_of, footprint_of = functions.along_y, functions.photon_of, functions.footprint_of
+    light_of_row = functions.light_of_row
+    row_maps, row_maps_adjoint = row_surface_functions(dtype)
+    _, refract_row_adjoint = row_refraction_functions(dtype, effects.fresnel)
+    _, gather_row_of_photons = row_pixel_functions(dtype)
+    gather = gathering_function(dtype, "spline", 1, True)
+    vectorised, is_straight = is_vectorised(effects), effects.is_straight
+    collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
+    refraction = (collimated if is_straight else general).refraction
+    footprint_adjoint, record_gradient, weighted = (
+        collimated.footprint_adjoint,
+        general.record_gradient,
+        general.weighted,
+    )
+    bench = bench_functions(dtype, effects)
+    optics_of, colour_of = bench.optics_of, bench.colour_of
+    Photons = photons_struct(dtype)
+    vec6 = wp.types.vector(length=6, dtype=dtype)
+    zero = wp.constant(dtype(0.0))
+
+    @no_type_check
+    @wp.func
+    def light_of_row_adjoint(
+        across: wp.array2d[dtype],
+        y: dtype,
+        photons: Photons,
+        b: wp.int32,
+        c: wp.int32,
+        work: wp.array2d[dtype],
+    ):
+        """Gradient of footprints to that of the surface maps: written for the first wavelength, then added to."""
+        optics = optics_of(photons, b)
+        colour = colour_of(photons, b, c)
+        if wp.static(vectorised):
+            refract_row_adjoint(across, y, colour, optics, photons.columns, c == 0, work)
+        else:
+            for j in range(photons.columns):
+                gradient = vec6()
+                f = footprint_of(work, wp.static(FOOTPRINT_PLANE), j)
+                if f.amplitude > zero:
+                    photon = photon_of(work, across, j, y)
+                    g = footprint_of(work, wp.static(GRADIENT_PLANE), j)
+                    bent = refraction(photon, colour, optics)
+                    if wp.static(is_straight):
+                        gradient = footprint_adjoint(photon, colour, bent, optics, f, g)
+                    else:
+                        gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
+                            photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
+                        )
+                for plane in range(6):
+                    before = work[wp.static(MAP_GRADIENT_PLANE) + plane, j]
+                    if c == 0:
+                        before = zero
+                    work[wp.static(MAP_GRADIENT_PLANE) + plane, j] = before + gradient[plane]
+
+    @no_type_check
+    @wp.kernel(enable_backward=False, module="unique")
+    def splat_rows_adjoint(
+        coefficients: wp.array3d[dtype],
+        photons: Photons,
+        grad_image: wp.array4d[dtype],
+        across: wp.array2d[dtype],
+        first_photon: wp.array[wp.int32],
+        by_cell: wp.array2d[dtype],
+        work: wp.array2d[dtype],
+        listed: wp.array[wp.int32],
+        # outputs
+        grad_coefficients: wp.array3d[dtype],
+    ):
+        """Add to the gradient of the coefficients [B, n + 4, n + 4] what rows of lattice photons contribute."""
+        b, i = wp.tid()
+        y = photons.positions[1, i]
+        cell_row, weights, slopes, curvatures = along_y(y, photons)
+        row_maps(
+            coefficients,
+            b,
+            cell_row,
+            weights,
+            slopes,
+            curvatures,
+            photons.samples_per_m_x,
+            across,
+            first_photon,
+            by_cell,
+            work,
+        )
+        for c in range(grad_image.shape[1]):
+            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            others = gather_row_of_photons(work, photons.columns, b, c, grad_image, listed)
+            for k in range(others):
+                j = listed[k]
+                g = gather(footprint_of(work, wp.static(FOOTPRINT_PLANE), j), b, c, 0, grad_image)
+                work[wp.static(GRADIENT_PLANE), j] = g.column
+                work[wp.static(GRADIENT_PLANE + 1), j] = g.row
+                work[wp.static(GRADIENT_PLANE + 2), j] = g.sigma_x
+                work[wp.static(GRADIENT_PLANE + 3), j] = g.sigma_y
+                work[wp.static(GRADIENT_PLANE + 4), j] = g.beta
+                work[wp.static(GRADIENT_PLANE + 5), j] = g.amplitude
+            light_of_row_adjoint(across, y, photons, b, c, work)
+        row_maps_adjoint(
+            coefficients,
+            b,
+            cell_row,
+            weights,
+            slopes,
+            curvatures,
+            photons.samples_per_m_x,
+            across,
+            first_photon,
+            by_cell,
+            work,
+            wp.static(MAP_GRADIENT_PLANE),
+            grad_coefficients,
+        )
+
+    return splat_rows_adjoint

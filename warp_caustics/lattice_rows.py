@@ -1,0 +1,145 @@
+"""Lattice photons on a CPU: strips of rows on all cores, through ``kernels/rows.py``."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from warp_caustics.chunked import cpu_slots, on_all_cores, warp_array
+from warp_caustics.height_field import sample_coordinate
+from warp_caustics.kernels import dtype_of
+from warp_caustics.kernels.row_refraction import PLANES
+from warp_caustics.kernels.row_surface import CELL_PLANES
+from warp_caustics.kernels.rows import row_adjoint_kernel, row_kernels
+from warp_caustics.kernels.vectors import LANES
+from warp_caustics.optics import Optics
+from warp_caustics.photons import Chunk, PhotonPlan
+
+PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
+"""Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
+
+
+ROW_SLOTS = 16
+"""Strips of the lattice; more would use more cores."""
+
+BATCH_BYTES = 64 * 2**20
+"""Images of at most so much memory are summed at a time; every strip touches a part of its own copy."""
+
+
+class LatticeRows:
+    """Images and gradients of whole lattices: strips of rows on all cores, their sums added in order."""
+
+    def __init__(self, plan: PhotonPlan, dtype: torch.dtype):
+        n = plan.scene.height_samples
+        self._dtype, self._kind = dtype, dtype_of(torch.finfo(dtype).bits)
+        # Blocks of photons are read and written whole.
+        self._columns = -(-plan.columns // LANES) * LANES + LANES
+        u = sample_coordinate(plan.grid_x, n, plan.scene.plate_size_m[0])
+        cell = np.clip(np.floor(u).astype(int), -1, n - 1)
+        across = np.zeros((2, self._columns))
+        across[:, : plan.columns] = u - cell, plan.grid_x
+        first = np.searchsorted(cell, np.arange(-1, n + 1))
+        self._across = torch.from_numpy(across).to(dtype)
+        self._first_photon = torch.from_numpy(first.astype(np.int32))
+        self._slots = cpu_slots(plan, ROW_SLOTS, plan.count)
+
+    def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
+        """Irradiance [W/m^2], shape [B, n_w, m, m].
+
+        Args:
+            coefficients: of the relief [m], shape [B, n + 4, n + 4].
+            photons_of: struct ``Photons`` of a chunk over some of the reliefs, by the lattice's axes.
+            optics: what else ``photons_of`` tells.
+        """
+        channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
+        at_once = max(1, BATCH_BYTES // (channels * m * m * coefficients.itemsize))
+        groups = [coefficients] if optics.effects.many_benches else coefficients.split(at_once)
+        kernel = row_kernels(self._kind, optics.effects).splat_rows
+        image = _zeros(len(coefficients), channels, m, m, dtype=self._dtype)
+        done = 0
+        for group in groups:
+
+            def add(slot: list[Chunk], group: torch.Tensor = group) -> tuple[torch.Tensor, torch.Tensor]:
+                # Rows of pixels are set to zero by whoever comes to them first.
+                part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
+                rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
+                for chunk in slot:
+                    outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
+                    self._launch(kernel, group, photons_of(chunk, group), [], outputs)
+                return part, rows
+
+            # By NumPy: torch's threads would wait for the next sum on the cores that compute it.
+            total = image[done : done + len(group)].numpy()
+            for part, rows in on_all_cores(add, self._slots):
+                for one, addend, (first, end) in zip(total, part.numpy(), rows.tolist(), strict=True):
+                    one[:, first:end] += addend[:, first:end]
+            done += len(group)
+        return image
+
+    def image_adjoint(
+        self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics, grad_image: torch.Tensor
+    ) -> torch.Tensor:
+        """Gradient of the coefficients from that of the image, in shapes of :meth:`image`."""
+        kernel = row_adjoint_kernel(self._kind, optics.effects)
+
+        def add(slot: list[Chunk]) -> torch.Tensor:
+            part = _zeros(*coefficients.shape, dtype=self._dtype)
+            for chunk in slot:
+                photons = photons_of(chunk, coefficients)
+                self._launch(kernel, coefficients, photons, [warp_array(grad_image)], [warp_array(part)])
+            return part
+
+        parts = on_all_cores(add, self._slots)
+        total = next(parts)
+        for part in parts:
+            total.numpy()[...] += part.numpy()
+        return total
+
+    def filtered(
+        self, planes: torch.Tensor, matrix: torch.Tensor, transposed: torch.Tensor, optics: Optics
+    ) -> torch.Tensor:
+        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose."""
+        rows, inner = matrix.shape
+        found = torch.empty(len(planes), rows, rows, dtype=self._dtype)
+        wp.launch(
+            row_kernels(self._kind, optics.effects).filter_planes,
+            dim=len(planes),
+            inputs=[
+                *(warp_array(array) for array in (matrix, transposed, planes.contiguous())),
+                warp_array(torch.empty(inner, dtype=self._dtype)),
+            ],
+            outputs=[warp_array(found)],
+            device="cpu",
+        )
+        return found
+
+    def _launch(
+        self, kernel: wp.Kernel, coefficients: torch.Tensor, photons: Any, inputs: list[Any], outputs: list[Any]
+    ) -> None:
+        listed = torch.empty(self._columns, dtype=torch.int32)
+        by_cell = torch.empty(CELL_PLANES, coefficients.shape[2], dtype=self._dtype)
+        # Zero is no light: so the photons beyond the last column.
+        work = _zeros(PLANES, self._columns, dtype=self._dtype)
+        wp.launch(
+            kernel,
+            dim=(len(coefficients), photons.count // photons.columns),
+            inputs=[
+                warp_array(coefficients),
+                photons,
+                *inputs,
+                warp_array(self._across),
+                wp.from_torch(self._first_photon, return_ctype=True),
+                warp_array(by_cell),
+                warp_array(work),
+                wp.from_torch(listed, return_ctype=True),
+            ],
+            outputs=outputs,
+            device="cpu",
+        )
+
+
+def _zeros(*shape: int, dtype: torch.dtype) -> torch.Tensor:
+    """Zeros that no thread of torch's has to write."""
+    return torch.from_numpy(np.zeros(shape, dtype=np.float32 if dtype == torch.float32 else np.float64))
