@@ -34,6 +34,7 @@ def called(node):
     return function.id if isinstance(function, ast.Name) else None
 
 
+@cache
 def checks(function):
     """Whether a function's own text can fail on purpose."""
     for node in ast.walk(function):
@@ -50,6 +51,7 @@ def checks(function):
     return False
 
 
+@cache
 def used(function):
     """Names that a function calls or hands on to calls; not its own variables."""
     calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
