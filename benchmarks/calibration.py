@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from warp_caustics.calibration.calibrate import Calibration, calibrate, usual_free
+from warp_caustics.calibration.calibrate import calibrate, usual_free
+from warp_caustics.calibration.found import Calibration
 from warp_caustics.calibration.plates import DESIGN, TOLERANCES, KnownPlate, flat_plate, lens
 from warp_caustics.calibration.view import View
 from warp_caustics.camera.config import CameraConfig

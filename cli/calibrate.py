@@ -14,7 +14,7 @@ from warp_caustics.device import start_device
 if TYPE_CHECKING:
     from cli.calibration.shots import Shot
     from warp_caustics.calibration.advice import Advice, LeastTold
-    from warp_caustics.calibration.calibrate import Calibration
+    from warp_caustics.calibration.found import Calibration
     from warp_caustics.calibration.view import View
     from warp_caustics.scene import Scene
 

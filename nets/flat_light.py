@@ -16,6 +16,10 @@ A lamp nearby lights a flat plate by the cube of the cosine of its angle, and th
 (1 + f / D)^2; relative to L_i, which the simulator has at the foot of the lamp.
 
 What a relief does is scaled besides (:meth:`FlatLight.height_scale`).
+
+Closed forms, for thousands of benches in a batch on any device, each told by its numbers. One bench exactly, whatever
+its lamp, is simulated: :mod:`warp_caustics.calibration.flat_light`. For lamps from 0.25 m on the two agree to 1e-3; a
+test holds that.
 """
 
 import torch

@@ -1,5 +1,7 @@
 """Fixtures that several test packages share."""
 
+import contextlib
+import ctypes
 import gc
 import os
 
@@ -10,6 +12,17 @@ from warp_caustics.scene import Scene
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Tests run on all cores already; threads of several workers would wait for each other. Before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+KEPT_BYTES = 2**30
+"""Freed memory that a process of the tests keeps. By default malloc hands arrays of more than 32 MiB back at once and
+each new one is paged in again, zeros first: in virtual machines more than half of the oracle's time."""
+
+# For workers and children, before they start; for this process itself by mallopt (M_TRIM_THRESHOLD, M_MMAP_THRESHOLD).
+os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(KEPT_BYTES))
+os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(KEPT_BYTES))
+with contextlib.suppress(AttributeError, OSError):  # other C libraries have none
+    for parameter in (-1, -3):
+        ctypes.CDLL(None).mallopt(parameter, KEPT_BYTES)
 
 
 def pytest_addoption(parser):

@@ -38,6 +38,9 @@ _BOX_VARIANCE = 1 / 12
 _LOOKS = 1500
 """Points of a path at which light is looked for outside of the glass."""
 
+_PATHS_AT_ONCE = 8
+"""Paths looked along together: their places and the splines there stay within the cache."""
+
 _SHALLOWEST = 1e-5
 """By how much it has to be outside [samples]."""
 
@@ -310,7 +313,7 @@ def oracle_image(
             def leaves(p: torch.Tensor, channel: int = c) -> torch.Tensor:
                 return meets_again(p, coefficients.detach(), scene, channel)
 
-            lost = torch.vmap(leaves, chunk_size=64)(positions)  # [N]
+            lost = torch.vmap(leaves, chunk_size=_PATHS_AT_ONCE)(positions)  # [N]
             keep = keep & ~lost
         passed = torch.vmap(lambda p, channel=c: passed_share(p, coefficients, scene, channel))(positions)  # [N]
         shares = footprint_pixels(centre[keep], covariance[keep], scene.image_pixels, profile)  # [N, m, m]

@@ -11,7 +11,7 @@ from cli.output import ResultKind
 from cli.provenance import now, versions
 from warp_caustics.calibration.advice import Advice, LeastTold
 from warp_caustics.calibration.bench_file import VERSION, Bench, BenchParameter, scene_tree, write_bench
-from warp_caustics.calibration.calibrate import TOLD, Calibration, Found
+from warp_caustics.calibration.found import TOLD, Calibration, Found
 from warp_caustics.io.atomic import write_text
 from warp_caustics.io.json_file import write_json
 from warp_caustics.io.page import render_page

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cli.figures import add_bar, new_figure, rgb_composite, show_plate, white_level
-from warp_caustics.calibration.calibrate import Calibration
+from warp_caustics.calibration.found import Calibration
 
 PANEL_IN = 3.4
 LEAST_SPAN = 1e-3

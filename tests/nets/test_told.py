@@ -13,6 +13,7 @@ from nets.residual_config import DirectConfig, UnrolledConfig
 from nets.symmetries import all_symmetries, transformed
 from nets.told import ToldTable, bench_values, dropped, filled, told_count, told_of, told_parameters, turned
 from tests.nets.conftest import BACKBONE
+from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.scene import Scene
@@ -222,3 +223,17 @@ def test_wrong_counts_are_refused(scene, configs):
         build(DirectConfig(backbone=wrong), scene)
     with pytest.raises(ValueError, match="only a direct network is told"):
         UnrolledConfig(backbone=configs[1].backbone)
+
+
+@pytest.mark.parametrize("numbers", [{}, {"fresnel": True}, {"exit_medium": "glass"}])
+@pytest.mark.parametrize("aside_m", [0.0, 0.02])
+def test_closed_forms_and_calibration_know_the_same_light(numbers, aside_m):
+    """A lamp at the nearest place that networks know, 5 degrees aside: they divide by what calibration divides by."""
+    height = 0.25 + SCENE.base_thickness_m
+    numbers = {"light_position_m": (aside_m, 0.0, height), "emission_half_angle_rad": 0.6, **numbers}
+    scene = Scene.model_validate(SCENE.model_dump() | numbers)
+    simulated_light = flat_light(scene, scene.image_pixels)
+    table = ToldTable(scene)
+    closed = FlatLight(table).level(table.centre[None])[0] * torch.tensor(scene.radiosity_W_m2)[:, None, None]
+    assert simulated_light.amin() < 0.98 * simulated_light.amax()
+    torch.testing.assert_close(closed.double(), simulated_light, rtol=1e-3, atol=0)

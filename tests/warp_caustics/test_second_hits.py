@@ -48,7 +48,7 @@ def test_paths_are_those_of_a_dense_search(scene):
     clear, positions = clear_of(double(scene, placement="random", n_photons=64), heights)
     coefficients = spline_coefficients(heights)
     expected = [
-        ~torch.vmap(lambda p, c=c: meets_again(p, coefficients, scene, c), chunk_size=64)(positions) for c in range(1)
+        ~torch.vmap(lambda p, c=c: meets_again(p, coefficients, scene, c), chunk_size=8)(positions) for c in range(1)
     ]
     expected = torch.stack(expected)
     assert 0.02 < float((~expected).double().mean()) < 0.5

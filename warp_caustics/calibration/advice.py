@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_caustics.calibration.calibrate import Calibration
 from warp_caustics.calibration.captures import Captures, Own
 from warp_caustics.calibration.coordinates import Coordinates
+from warp_caustics.calibration.found import Calibration
 from warp_caustics.calibration.plates import DESIGN, TOLERANCES, KnownPlate, flat_plate, lens, wedge
 from warp_caustics.calibration.view import LEAST_PIXELS, View
 from warp_caustics.prints.line import Line, line_relief

@@ -1,37 +1,28 @@
 """The bench that captures of known plates were taken on: the most probable values, and how sure they are.
 
 Coarse to fine: large pixels first, image and model looked at through a blur, so that a picture several pixels off is
-found; the whole
-displacement first of all, by correlation. In the last pixels the noise is fitted to what is left, and the descent
-goes on with that.
+found; the whole displacement first of all, by correlation. In the last pixels the noise is fitted to what is left, and
+the descent goes on with that. What is found, and what it is worth: ``found.py``.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
 
-import numpy as np
 import torch
 
 from warp_caustics.calibration.captures import OVERSAMPLING, Captures, Own
 from warp_caustics.calibration.coordinates import Coordinates
+from warp_caustics.calibration.found import Calibration, fits_of, found_numbers, warnings_of
 from warp_caustics.calibration.least_squares import Solution, minimised
-from warp_caustics.calibration.posterior import Posterior, posterior
+from warp_caustics.calibration.posterior import posterior
 from warp_caustics.calibration.registration import displacement_px
 from warp_caustics.calibration.view import LEAST_PIXELS, View, factors
+from warp_caustics.calibration.window_camera import shown_window
 from warp_caustics.camera.config import CameraConfig
-from warp_caustics.camera.parameters import CameraParameters
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 from warp_caustics.setup.parameter import Parameter
 from warp_caustics.setup.set_up import SetUp
 
-TOLD = 0.8
-"""What captures leave at most of a prior width where they say something."""
-FAR = 3.0
-"""Prior widths from what was believed that are worth a warning."""
-MISFIT = 3.0
-"""Residuals that many times the camera's noise are worth one, too."""
 BLURS_PX = (1.5, 0.7)
 """That coarse images are looked at through, coarsest first; the finest is looked at as it is."""
 PHOTONS, FINEST_PHOTONS = 2, 4
@@ -47,133 +38,17 @@ NOT_SHARED = ("gain",)
 LIGHT_GROUPS = ("light_x", "light_y", "light_xx", "light_xy", "light_yy")
 """Free where a photo was not divided by a flat frame, which would hide them."""
 
-Verdict = Literal["found", "not told", "at its bound"]
-
-
-@dataclass(frozen=True)
-class Found:
-    """One number after the captures, in its unit.
-
-    Attributes:
-        parameter: which; its prior width is what was not known before.
-        before: what was believed.
-        value: most probable.
-        sigma: standard deviation, with what residuals add to noise.
-        noise_sigma: that of noise alone.
-        remaining: sigma over what was not known, in the coordinates of the descent [1].
-        moved: value less what was believed, in prior widths of these coordinates [1].
-        verdict: what it is worth.
-        view: of which capture it is the own number; None of the bench.
-    """
-
-    parameter: Parameter
-    before: float
-    value: float
-    sigma: float
-    noise_sigma: float
-    remaining: float
-    moved: float
-    verdict: Verdict
-    view: str | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """How well one capture is explained.
-
-    Attributes:
-        view: the capture.
-        before: image less what was expected at the start [W/m^2], shape [C, m, m].
-        after: image less what is expected now [W/m^2], shape [C, m, m].
-        misfit: what is left over the camera's noise, by medians, channel by channel, shape [C].
-        explained: share of the square of ``before`` that is gone.
-    """
-
-    view: View
-    before: np.ndarray[Any, Any]
-    after: np.ndarray[Any, Any]
-    misfit: np.ndarray[Any, Any]
-    explained: float
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """What was found.
-
-    Attributes:
-        setup: nominal, with its free parameters; P of them.
-        found: of the bench, in the order of the set-up's names; then each capture's own.
-        theta: values of the bench, shape [P].
-        covariance: of theta, in the parameters' units, shape [P, P].
-        fits: of the captures.
-        is_converged: the descent ended because nothing more was to be gained.
-        iterations: derivatives taken.
-        warnings: what a person should know.
-        information: of data and priors in coordinates of all numbers, shape [N, N].
-        posterior: in the same.
-    """
-
-    setup: SetUp
-    found: tuple[Found, ...]
-    theta: torch.Tensor
-    covariance: torch.Tensor
-    fits: tuple[Fit, ...]
-    is_converged: bool
-    iterations: int
-    warnings: tuple[str, ...]
-    information: torch.Tensor
-    posterior: Posterior
-
-    @property
-    def bench(self) -> tuple[Found, ...]:
-        """Numbers of the bench."""
-        return tuple(found for found in self.found if found.view is None)
-
-    @property
-    def correlations(self) -> torch.Tensor:
-        """Of errors of theta, shape [P, P]."""
-        deviation = self.covariance.diagonal().sqrt()
-        return self.covariance / deviation[:, None] / deviation
-
-    @property
-    def scene(self) -> Scene:
-        """The bench's scene."""
-        return self.setup.scene(self.theta)
-
-    @property
-    def camera(self) -> CameraConfig:
-        """The bench's camera, as it shows the window."""
-        assert self.setup.camera_config is not None
-        return camera_record(self.setup.camera_config, self.setup.camera(self.theta))
-
 
 def usual_free(scene: Scene, camera: CameraConfig, views: Sequence[View]) -> list[str]:
     """Names of parameters that are looked for where nobody says which.
 
     Those of :data:`~warp_caustics.setup.set_up.USUAL_CAMERA` but for gains, which are each capture's; uneven light
-    where a
-    capture without flat frame shows it.
+    where a capture without flat frame shows it.
     """
     usual = [name for name in SetUp.of(scene, camera).names if name.partition(".")[0] not in NOT_SHARED]
     if any(not view.is_divided for view in views):
         usual += [f"{group}.{channel}" for group in LIGHT_GROUPS for channel in range(scene.n_wavelengths)]
     return usual
-
-
-def shown_window(camera: CameraConfig) -> CameraConfig:
-    """The camera as captures have it: the window and nothing else, without sensor and mosaic.
-
-    Raises:
-        InputError: a camera of other channels than wavelengths.
-    """
-    tree = camera.model_dump()
-    if camera.mixing is not None and len(camera.mixing) != len(camera.mixing[0]):
-        raise InputError("a capture has a channel for each wavelength; leave mixing out of the camera")
-    if camera.frame_px is not None:
-        # Registered: where the window lies in the photo is known, and nothing of it is left in the capture.
-        tree |= {"homography": None, "corners_px": None, "shift_px": (0.0, 0.0), "turn_rad": 0.0, "magnification": 1.0}
-    tree |= {"frame_px": None, "mosaic": None, "sensor": {}}
-    return CameraConfig.model_validate(tree)
 
 
 def calibrate(
@@ -260,8 +135,8 @@ def calibrate(
     )  # fmt: skip
     pull = captures.pull(solution.x, finer.models_at(solution.x))
     spread = posterior(information, captures.scores(solution.x), pull)
-    found = _found(setup, views, coordinates, solution, spread)
-    fits = _fits(captures, start, solution.x)
+    found = found_numbers(setup, views, coordinates, solution, spread)
+    fits = fits_of(captures, start, solution.x)
     count = len(setup.parameters)
     sigma = torch.tensor([f.sigma for f in found[:count]], dtype=torch.float64)
     deviation = spread.covariance.diagonal()[:count].sqrt()
@@ -269,7 +144,7 @@ def calibrate(
     theta = coordinates.values(solution.x)[:count]
     return Calibration(
         setup, found, theta, correlation * sigma[:, None] * sigma, fits, solution.is_converged, done,
-        _warnings(found, fits, solution), information, spread,
+        warnings_of(found, fits, solution), information, spread,
     )  # fmt: skip
 
 
@@ -292,8 +167,7 @@ def _check(scene: Scene, views: Sequence[View], border_px: int) -> None:
     if scene.image_pixels < LEAST_PIXELS or not 0 <= border_px < scene.image_pixels // 4:
         raise InputError(
             f"{scene.image_pixels} pixels with a border of {border_px} leave too little; use {LEAST_PIXELS} "
-            f"pixels or more "
-            "and a border of 8 or so"
+            "pixels or more and a border of 8 or so"
         )
 
 
@@ -334,104 +208,3 @@ def _displaced(captures: Captures, coordinates: Coordinates, x: torch.Tensor) ->
     values[pair] += captures.factor * torch.tensor(shifts, dtype=torch.float64).median(0).values
     moved = torch.minimum(torch.maximum(coordinates.to(values), coordinates.low), coordinates.high)
     return moved if captures.cost(moved) < captures.cost(x) else x
-
-
-def _found(
-    setup: SetUp, views: Sequence[View], coordinates: Coordinates, solution: Solution, spread: Posterior
-) -> tuple[Found, ...]:
-    owners: list[str | None] = [None] * len(setup.parameters)
-    for view in views:
-        owners += [view.name] * (len(view.image) + len(view.plate.parameters))
-    values = coordinates.values(solution.x)
-    remaining = spread.covariance.diagonal().sqrt()
-    sigma = coordinates.deviations(solution.x, remaining)
-    noise = coordinates.deviations(solution.x, spread.noise_covariance.diagonal().sqrt())
-    at_bound = (solution.x <= coordinates.low) | (solution.x >= coordinates.high)
-    return tuple(
-        Found(
-            parameter=parameter,
-            before=float(coordinates.before[k]),
-            value=float(values[k]),
-            sigma=float(sigma[k]),
-            noise_sigma=float(noise[k]),
-            remaining=float(remaining[k]),
-            moved=float(solution.x[k]),
-            verdict="not told" if float(remaining[k]) > TOLD else "at its bound" if bool(at_bound[k]) else "found",
-            view=owners[k],
-        )
-        for k, parameter in enumerate(coordinates.parameters)
-    )
-
-
-def _fits(captures: Captures, start: Sequence[torch.Tensor], x: torch.Tensor) -> tuple[Fit, ...]:
-    fits = []
-    for k, model in enumerate(captures.models_at(x)):
-        counts, image = captures.counts[k], captures.images[k]
-        before, after = (torch.where(counts, image - shown, 0.0) for shown in (start[k], model))
-        level = captures._level[:, None, None]
-        light = (model / level).clamp_min(0.0)
-        own = captures.noise[k][:, None, None] * (0.3 + 0.7 * light).sqrt()
-        misfit = [
-            float((after[c][counts[c]] / own[c][counts[c]]).abs().median()) / 0.6745 if bool(counts[c].any()) else 0.0
-            for c in range(len(image))
-        ]
-        whole = float(before.square().sum())
-        explained = 1 - float(after.square().sum()) / whole if whole > 0 else 0.0
-        fits.append(Fit(captures.views[k], before.cpu().numpy(), after.cpu().numpy(), np.array(misfit), explained))
-    return tuple(fits)
-
-
-def _warnings(found: Sequence[Found], fits: Sequence[Fit], solution: Solution) -> tuple[str, ...]:
-    lines = []
-    if not solution.is_converged:
-        lines.append("the descent had not ended; let it take more --iterations")
-    for fit in fits:
-        worst = float(fit.misfit.max())
-        if worst > MISFIT:
-            lines.append(
-                f"{fit.view.name}: what is left is {worst:.1f} times the camera's noise (limit {MISFIT:g}); "
-                f"look at the "
-                "residual for dust, another plate than told, or something the bench has and the model lacks"
-            )
-    for item in found:
-        if abs(item.moved) > FAR and item.verdict == "found":
-            where = item.parameter.name if item.view is None else f"{item.parameter.name} of {item.view}"
-            lines.append(
-                f"{where} is {abs(item.moved):.1f} times its prior width from what was believed (limit {FAR:g}); check "
-                "the bench, or give --prior"
-            )
-    return tuple(lines)
-
-
-def camera_record(nominal: CameraConfig, parameters: CameraParameters) -> CameraConfig:
-    """A camera's parameters as a configuration.
-
-    Args:
-        nominal: gives what is no parameter.
-        parameters: of no batch.
-    """
-
-    def values(tensor: torch.Tensor) -> Any:
-        return tensor.detach().cpu().tolist()
-
-    def pairs(tensor: torch.Tensor) -> Any:
-        return tuple(tuple(row) for row in values(tensor))
-
-    p = parameters
-    is_straight = torch.equal(p.homography.cpu(), torch.eye(3, dtype=p.homography.dtype))
-    is_unmixed = torch.equal(p.mixing.cpu(), torch.eye(len(p.mixing), dtype=p.mixing.dtype))
-    tree = nominal.model_dump() | {
-        "psf_px": tuple(values(p.psf_px)),
-        "box_px": tuple(values(p.box_px)),
-        "shift_px": tuple(values(p.shift_px)),
-        "turn_rad": values(p.turn_rad),
-        "magnification": values(p.magnification),
-        "homography": None if is_straight else pairs(p.homography),
-        "colour_shift_px": pairs(p.colour_shift_px),
-        "colour_scale": tuple(values(p.colour_scale)),
-        "light": pairs(p.light),
-        "ambient": tuple(values(p.ambient)),
-        "mixing": None if is_unmixed else pairs(p.mixing),
-        "gain": tuple(values(p.gain)),
-    }
-    return CameraConfig.model_validate(tree)

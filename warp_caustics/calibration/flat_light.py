@@ -1,4 +1,8 @@
-"""Light behind a plate without relief, smooth: what a flat frame has divided out of a capture."""
+"""Light behind a plate without relief, smooth: what a flat frame has divided out of a capture.
+
+Of one bench, with all that its scene says, by simulation. Networks take closed forms for batches of benches instead,
+which know lamps from 0.25 m on (``nets/flat_light.py``).
+"""
 
 import torch
 

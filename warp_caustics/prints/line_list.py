@@ -17,7 +17,7 @@ from typing import Any
 
 from warp_caustics.errors import InputError
 from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
-from warp_caustics.io.yaml_file import parsed_yaml
+from warp_caustics.io.yaml_file import MAX_YAML_BYTES, parsed_yaml
 from warp_caustics.prints.design_words import number_of, word_of
 from warp_caustics.prints.line import MAX_LINES, Line
 
@@ -108,6 +108,12 @@ def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _yaml_rows(text: str, name: str) -> tuple[list[tuple[str, Mapping[str, Any]]], dict[str, Any]]:
+    if len(text) > MAX_YAML_BYTES:
+        # What is read as YAML takes ten times as long as CSV, and ten times the memory.
+        raise InputError(
+            f"{name} has {len(text)} characters, of YAML at most {MAX_YAML_BYTES} are read; write the lines as CSV "
+            f"(at most {MAX_BYTES // 1_000_000} MB), or split the design"
+        )
     tree, settings = parsed_yaml(text, name), {}
     if isinstance(tree, dict) and "lines" in tree:
         settings = {key: value for key, value in tree.items() if key != "lines"}

@@ -21,10 +21,11 @@ from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 
 EVERY = [case for name in SUITES for case in suite_cases(name)]
+BY_PLACE = {(case.suite, case.row, case.plate.number): case for case in reversed(EVERY)}
 
 
 def of(suite, row, number=0):
-    return next(case for case in suite_cases(suite) if (case.row, case.plate.number) == (row, number))
+    return BY_PLACE[suite, row, number]
 
 
 def test_sizes_and_names():

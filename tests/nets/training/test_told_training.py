@@ -88,7 +88,10 @@ def test_a_step_waits_for_no_gpu(told_run):
     task.loss(network, batch, 0, 0.0).backward()
     try:
         torch.cuda.set_sync_debug_mode("error")
-        task.loss(network, batch, 1, 0.0).backward()
+        loss = task.loss(network, batch, 1, 0.0)
+        loss.backward()
+        with pytest.raises(RuntimeError, match="synchroniz"):
+            loss.item()  # control: what waits is found
     finally:
         torch.cuda.set_sync_debug_mode("default")
 

@@ -56,6 +56,6 @@ def drawn_bench(setup, seed):
         value = generator.normal(nominal, parameter.prior)
         values.append(min(max(value, parameter.low), parameter.high))
     theta = torch.tensor(values, dtype=torch.float64)
-    from warp_caustics.calibration.calibrate import camera_record
+    from warp_caustics.calibration.window_camera import camera_record
 
     return setup.scene(theta), camera_record(setup.camera_config, setup.camera(theta)), theta

@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from warp_caustics.calibration.advice import advice, least_told
-from warp_caustics.calibration.calibrate import calibrate, shown_window, usual_free
+from warp_caustics.calibration.calibrate import calibrate, usual_free
 from warp_caustics.calibration.plates import DESIGN, TOLERANCES, KnownPlate, flat_plate, lens
+from warp_caustics.calibration.window_camera import shown_window
 from warp_caustics.camera.config import CameraConfig
 from warp_caustics.errors import InputError
 from warp_caustics.prints.line import Line, line_relief

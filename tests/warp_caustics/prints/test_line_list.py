@@ -108,3 +108,14 @@ def test_what_is_written_is_read(tmp_path):
     write_lines(tmp_path / "none.csv", [])
     with pytest.raises(InputError, match="holds no lines"):
         read_lines(tmp_path / "none.csv")
+
+
+def test_a_long_list_in_yaml_is_told_to_be_csv(tmp_path):
+    """Ten thousand lines are read as CSV; as YAML they are more than is parsed in seconds, and the mend is told."""
+    keys, numbers = NAMES.split(","), ("-10.123", "-5.25", "10.5", "2.75", "1.500", "300.00")
+    row = ", ".join(f"{key}: {number}" for key, number in zip(keys, numbers, strict=True))
+    (tmp_path / "long.yaml").write_text("lines:\n" + f"- {{{row}}}\n" * 10_000)
+    with pytest.raises(InputError, match=r"characters, of YAML at most 1000000 are read; write the lines as CSV"):
+        read_lines(tmp_path / "long.yaml")
+    (tmp_path / "long.csv").write_text(f"{NAMES}\n" + f"{','.join(numbers)}\n" * 10_000)
+    assert len(read_lines(tmp_path / "long.csv")) == 10_000
