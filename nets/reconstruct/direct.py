@@ -1,18 +1,25 @@
 """``direct``: heights from the image by one network, averaged over symmetries, then refined on the exact model."""
 
-from typing import Annotated, Any
+import copy
+import dataclasses
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
 
 import torch
 from pydantic import Field
 
+from nets.family import check_family
+from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.network_grid import NetworkGrid
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.replayed import Replayed
-from nets.shipped import find_network
+from nets.seen_scene import seen_scene
+from nets.shipped import FoundNetwork, find_network
 from nets.symmetries import all_symmetries, seen_in, turned_back
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor, StopReason
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.result import Resimulation, as_glass
@@ -26,6 +33,10 @@ SYMMETRIES_AT_ONCE = {"cpu": 4, "cuda": 8}
 """By device."""
 
 
+BENCH_OPTIONS = ("set_up", "priors", "ambient")
+"""Those that are about the bench, which other methods take as it is told."""
+
+
 class DirectOptions(RefinementOptions):
     """Settings of ``direct``."""
 
@@ -33,6 +44,12 @@ class DirectOptions(RefinementOptions):
     """Mean over all turns and flips that the scene has: more exact, and the source of the uncertainty."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
+    set_up: Literal["known", "estimate"] = "known"
+    """Whether the bench is as it is told, or its numbers are looked for beside the heights."""
+    priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
+    """Standard deviations of what is told of it, by name; 0 is exact."""
+    ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
+    """Stray light that is told, relative to a flat plate's: taken off the image."""
 
 
 class Direct(Reconstructor):
@@ -53,21 +70,46 @@ class Direct(Reconstructor):
     """
 
     name = "direct"
+    watch: Callable[[Reconstruction], None] | None = None
+    """Called with what was found on the told bench, before any other is looked for."""
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
         self.options, self.device = options or DirectOptions(), usable_device(device)
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
-        self.grid, seen = NetworkGrid(self.network, self.device), self.network.seen.scene
-        self.scene = scene = self.network.seen.working
-        is_told = bool(getattr(self.network.module, "is_told", False))
-        self.bench = ToldBench(seen, self.network.info.scene, self.device) if is_told else None
-        self.network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.replayed = Replayed(self.network.module)
-        self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.refinement = Refinement(scene, self.options, self.device, self.network.seen.scale)
+        network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
+        network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.is_told = bool(getattr(network.module, "is_told", False))
+        self.replayed = Replayed(network.module)
+        self._serve(network)
+        self.bench = ToldBench(network.seen.scene, network.info.scene, self.device) if self.is_told else None
+        self.numbers = BenchNumbers.of(self.scene, self.options.priors, self.options.ambient)
+
+    def _serve(self, network: FoundNetwork) -> None:
+        """Take a network with the scene that it is to see."""
+        self.network, self.grid = network, NetworkGrid(network, self.device)
+        self.scene = network.seen.working
+        self.simulator = CausticSimulator(self.scene, "lattice", device=self.device)
+        self.refinement = Refinement(self.scene, self.options, self.device, network.seen.scale)
+
+    def on_bench(self, scene: Scene) -> Self:
+        """The same method for another bench near its own: as many pixels, samples and wavelengths.
+
+        A network that is told of its bench is told of this one. Another one sees the picture as its own bench would
+        have shown it: a flat plate's light where it met the plate, and heights in proportion, which is right to first
+        order (:mod:`nets.flat_light`); refinement does the rest.
+
+        Raises:
+            MismatchError: a bench beyond the family of a network that is told of it.
+        """
+        trained, seen = self.network.info.scene, seen_scene(scene, self.network.info.scene)
+        if self.is_told:
+            check_family(seen, trained, self.network.info.training["family"], self.network.file, "direct")
+        other = copy.copy(self)
+        other._serve(dataclasses.replace(self.network, seen=seen))
+        other.bench = ToldBench(seen.scene, trained, self.device)
+        return other
 
     def reconstruct(
         self,
@@ -82,29 +124,58 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        return self.grid.result(self.found(image, initial, progress))
+        image = check_image(image, self.scene)
+        search = BenchSearch(self, self.numbers)
+        seen = search.cleared(image)
+        found, answer = self._found(seen, initial, progress)
+        if self.watch is not None:
+            self.watch(found)
+        if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
+            found = search(image, found, answer, progress)
+        return self.grid.result(found)
 
     def found(
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
     ) -> Reconstruction:
-        """The same with as many samples as it was found with, which may be others than the user's."""
-        image = check_image(image, self.scene)
+        """Recover the relief with as many samples as it is found with, which may be others than the user's.
+
+        On this bench and no other, of an image without stray light.
+        """
+        return self._found(check_image(image, self.scene), initial, progress)[0]
+
+    def answer(self, image: CausticImage) -> FloatArray:
+        """Heights of the network before they are refined [m], shape [n, n]."""
+        resimulation = self._resimulation(image)
+        answers, reason = self._answers(resimulation.image, RunLog(0, None))
+        if reason == "interrupted":
+            raise KeyboardInterrupt
+        return as_glass(answers.mean(0).cpu().numpy(), self.scene)
+
+    def _resimulation(self, image: CausticImage) -> Resimulation:
+        """At the exposure that a network needs."""
+        resimulation = Resimulation(self.simulator, image)
+        if self.bench is None or not self.bench.is_near:
+            return resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
+        return resimulation
+
+    def _found(
+        self, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None
+    ) -> tuple[Reconstruction, FloatArray]:
+        """The record, and the network's heights before they were refined."""
         warnings = list(self.network.warnings)
         if initial is not None:
             check_initial(initial, self.network.seen.user)
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         log = RunLog(0, progress)
-        resimulation = Resimulation(self.simulator, image)
-        if self.bench is None or not self.bench.is_near:
-            resimulation = resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
+        resimulation = self._resimulation(image)
         answers, reason = self._answers(resimulation.image, log)
         interrupted = reason == "interrupted"
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
-        heights = as_glass(mean, self.scene)
+        heights = answer = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        spread = uncertainty(answers.double(), DIRECT_CALIBRATION if self.bench is None else FAMILY_CALIBRATION)
+        spread = uncertainty(answers.double(), FAMILY_CALIBRATION if self.is_told else DIRECT_CALIBRATION)
         no_spread = self._no_uncertainty(len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None
@@ -133,7 +204,7 @@ class Direct(Reconstructor):
                 ]
             counters["refinement"] = outcome(found)
             timings["refinement"] = log.elapsed_s - timings["network"]
-        return network_result(
+        record = network_result(
             self.name,
             resimulation,
             heights,
@@ -147,6 +218,7 @@ class Direct(Reconstructor):
             no_uncertainty=no_spread,
             found_at=found_at,
         )
+        return record, answer
 
     def _no_uncertainty(self, answers: int) -> str:
         """Why a result of so many answers has no uncertainty; empty where it has one."""
@@ -184,7 +256,7 @@ class Direct(Reconstructor):
         log.total = -(-symmetries.shape[1] // batch)
         try:
             for part in symmetries.split(batch, dim=1):
-                told = [] if self.bench is None else [self.bench.told(noise, part)]
+                told = [self.bench.told(noise, part)] if self.bench is not None and self.is_told else []
                 heights = self.replayed(seen_in(seen, part), *told)
                 if self.bench is not None:
                     heights = heights * self.bench.height_scale
