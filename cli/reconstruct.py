@@ -10,6 +10,9 @@ from cli.console import Console
 from cli.options import bench_option, config_options, device_option, integer, json_option, number
 from warp_caustics.errors import EXIT_INTERRUPTED
 
+SET_UPS = ("known", "estimate")
+"""Of ``nets.reconstruct.direct``, which takes too long to load for a line of help."""
+
 TRANSPORT = "transport"
 """Value of --initial that is no file; a file of that name is ./transport."""
 
@@ -31,6 +34,19 @@ TRANSPORT = "transport"
 @click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
 @click.option("--max-iterations", type=integer, help="Iterations per stage, at most.")
 @click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
+@click.option(
+    "--set-up",
+    type=click.Choice(SET_UPS),
+    help="known: the bench is as it is told; estimate: look for its numbers beside the heights (direct, auto). "
+    "[default: known]",
+)
+@click.option(
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NAME=WIDTH",
+    help="Standard deviation of a number that is told, in SI units; 0 is exact. For --set-up estimate.",
+)
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
 @bench_option
@@ -48,6 +64,8 @@ def reconstruct(
     max_time: float | None,
     force: bool,
     bench: str | None,
+    set_up: str | None,
+    priors: tuple[str, ...],
     seed: int | None,
     device: str,
     config_source: str | None,
@@ -60,6 +78,7 @@ def reconstruct(
     Ctrl-C ends the iteration early; the best result so far is still written.
     """
     from cli.batch import run_batch
+    from cli.bench_told import told_options
     from cli.config import config_files, load_config
     from cli.inputs import image_list
     from cli.job import Job
@@ -79,6 +98,7 @@ def reconstruct(
         },
         bench=bench,
     )
+    config = told_options(config, bench, set_up, priors)
     start = None if initial == TRANSPORT else initial
     files = {"initial": start, "reference": reference, "bench": bench}
     capture_settings(capture)  # what is wrong with it is wrong for every image

@@ -34,6 +34,9 @@ FILES = (
 UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 """What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
+NOT_TOLD = "not told by this image"
+"""Verdict on a number of the bench."""
+
 FIBRE_FILES = ("printed_lines.csv",)
 """What it holds besides where the method found the lines that were printed."""
 
@@ -147,6 +150,21 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
     return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
 
 
+def bench_lines(result: "Reconstruction") -> list[str]:
+    """What the image told of its bench, a line for each number; none where it was not looked for."""
+    found = result.counters.get("bench")
+    if not found:
+        return []
+    untold = [number["name"] for number in found["numbers"] if number["verdict"] == NOT_TOLD]
+    lines = [
+        f"bench      {number['name']} {number['found']:.4g} +- {number['sigma']:.2g} {number['unit']}, "
+        + ("as told" if number["verdict"] != "found" else f"told {number['told']:.4g}")
+        for number in found["numbers"]
+        if number["verdict"] != NOT_TOLD
+    ]
+    return [*lines, *([f"bench      not told by this image: {', '.join(untold)}"] if untold else [])]
+
+
 def _at_all(result: "Reconstruction") -> str:
     """Where the residual is of other pixels than the share that the line above tells."""
     is_judged_elsewhere = result.trust is not None and result.trust.pixels is not None
@@ -167,6 +185,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         f"residual   {result.residual:.4g} of the image{_at_all(result)}",
         f"heights    {low:.4g} to {high:.4g} mm",
     ]
+    lines += bench_lines(result)
     if result.fibres_m is not None:
         lines.append(f"lines      {len(result.fibres_m)} printed lines, in {FIBRE_FILES[0]}")
     errors = record["errors"]

@@ -36,6 +36,22 @@ def region_rows(found: "Inspection") -> list[list[str]]:
     ]
 
 
+def bench_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    """Name, told, used, standard deviation, unit, verdict of each number; none where they were not looked for."""
+    numbers = mapping(mapping(record.get("counters")).get("bench")).get("numbers") or []
+    return [
+        [
+            str(each["name"]),
+            number(each["told"], 4),
+            number(each["found"], 4),
+            number(each["sigma"], 2),
+            str(each["unit"]),
+            f"{each['verdict']}: {each['why']}" if each["why"] else str(each["verdict"]),
+        ]
+        for each in map(mapping, numbers)
+    ]
+
+
 def fibre_rows(found: "Inspection") -> list[list[str]]:
     """Name, status, ends [mm], height error [um], displacement [um], volume [mm^3]."""
     return [

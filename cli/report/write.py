@@ -38,7 +38,15 @@ def report_text(content: "ReportContent") -> str:
     from cli.report.pictures import CAUSTIC_PIXELS, JPEG_QUALITY, STAGE_PIXELS
     from cli.report.stages import shown_stages
     from cli.report.summary import VERDICTS, coverage, headline, key_figures, no_uncertainty, trust_line
-    from cli.report.tables import fibre_rows, file_rows, record_groups, region_rows, scene_rows, wavelength_rows
+    from cli.report.tables import (
+        bench_rows,
+        fibre_rows,
+        file_rows,
+        record_groups,
+        region_rows,
+        scene_rows,
+        wavelength_rows,
+    )
     from warp_caustics.io.json_file import plain
     from warp_caustics.io.page import inline_script, page_file, render_page
 
@@ -66,6 +74,7 @@ def report_text(content: "ReportContent") -> str:
         no_uncertainty=no_uncertainty(record),
         caustics=_caustic_frames(content),
         regions=region_rows(found) if found else [],
+        bench=bench_rows(record),
         fibres=fibre_rows(found) if found else [],
         wavelengths=wavelength_rows(content),
         stages=shown_stages(content.stages, scene.wavelengths_m),

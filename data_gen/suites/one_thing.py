@@ -103,13 +103,14 @@ DIFFERENCES: dict[str, Difference] = {
 def cases(count: int) -> list[Case]:
     """The cases, row by row, with the first ``count`` plates of each."""
     return [
-        _case(row, difference, Plate(bench_plates(SEED, PLATES, difference.reliefs), number))
+        one_case(row, difference, Plate(bench_plates(SEED, PLATES, difference.reliefs), number))
         for row, difference in DIFFERENCES.items()
         for number in range(count)
     ]
 
 
-def _case(row: str, difference: Difference, plate: Plate) -> Case:
+def one_case(row: str, difference: Difference, plate: Plate) -> Case:
+    """A plate with one thing that differs."""
     told = plate.config.scene
     x, y, z = told.screen_position_m
     angle = float(plate.rng("shift").uniform(0, 2 * math.pi))

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import pydantic
 import torch
 
-from nets.reconstruct.direct import DirectOptions
+from nets.reconstruct.direct import BENCH_OPTIONS, DirectOptions
 from nets.shipped import shipped_weights
 from warp_caustics.errors import CausticsError, InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
@@ -142,8 +142,9 @@ class Auto(Reconstructor):
 
     def _method(self, name: str) -> Reconstructor:
         if name not in self._made:
+            taken = {key: v for key, v in self.options.items() if name == "direct" or key not in BENCH_OPTIONS}
             try:
-                self._made[name] = self._create(name, self.scene, device=self.device, **self.options)
+                self._made[name] = self._create(name, self.scene, device=self.device, **taken)
             except CausticsError as error:
                 raise type(error)(f"auto chose {name}: {error}") from error
         return self._made[name]

@@ -1,16 +1,21 @@
 """``direct``: heights from the image by one network, averaged over symmetries, then refined on the exact model."""
 
-from typing import Annotated, Any
+import copy
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Self
 
 import torch
 from pydantic import Field
 
+from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
-from nets.reconstruct.opinions import opinion
+from nets.reconstruct.opinions import Opinion, opinion
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.shipped import FoundNetwork, find_network, told_network
+from warp_caustics.errors import MismatchError
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.result import Resimulation, as_glass
@@ -19,6 +24,9 @@ from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
+
+BENCH_OPTIONS = ("set_up", "priors", "ambient")
+"""Those that are about the bench, which other methods take as it is told."""
 
 
 class DirectOptions(RefinementOptions):
@@ -34,6 +42,12 @@ class DirectOptions(RefinementOptions):
     plate's maker can. Part of the standard uncertainty."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
+    set_up: Literal["known", "estimate"] = "known"
+    """Whether the bench is as it is told, or its numbers are looked for beside the heights."""
+    priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
+    """Standard deviations of what is told of it, by name; 0 is exact."""
+    ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
+    """Stray light that is told, relative to a flat plate's: taken off the image."""
 
 
 class Direct(Reconstructor):
@@ -53,21 +67,46 @@ class Direct(Reconstructor):
     """
 
     name = "direct"
+    watch: Callable[[Reconstruction], None] | None = None
+    """Called with what was found on the told bench, before any other is looked for."""
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
         self.options, self.device = options or DirectOptions(), usable_device(device)
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.network = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
-        networks = [self.network]
+        first = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
+        networks = [first]
         if self.options.second_opinion and self.options.weights is None:
-            second = told_network("direct", scene, self.network, self.device)
+            second = told_network("direct", scene, first, self.device)
             networks += [] if second is None else [second]
-        self.asked = [NetworkAnswers(each, self.device, self.options.symmetries) for each in networks]
-        self.scene = scene = self.network.seen.working
-        self.simulator = CausticSimulator(scene, "lattice", device=self.device)
-        self.refinement = Refinement(scene, self.options, self.device, self.network.seen.scale)
+        self._ask([NetworkAnswers(each, self.device, self.options.symmetries) for each in networks])
+        self.numbers = BenchNumbers.of(self.scene, self.options.priors, self.options.ambient)
+
+    def _ask(self, networks: list[NetworkAnswers]) -> None:
+        """Take networks with the scene that they see."""
+        self.asked, self.network = networks, networks[0].network
+        self.scene = self.network.seen.working
+        self.simulator = CausticSimulator(self.scene, "lattice", device=self.device)
+        self.refinement = Refinement(self.scene, self.options, self.device, self.network.seen.scale)
+
+    def on_bench(self, scene: Scene) -> Self:
+        """The same method for another bench near its own: as many pixels, samples and wavelengths.
+
+        Raises:
+            MismatchError: a bench beyond the family of all its networks that are told of it.
+        """
+        networks, beyond = [], None
+        for each in self.asked:
+            try:
+                networks.append(each.on_bench(scene))
+            except MismatchError as error:
+                beyond = error
+        if beyond is not None and not networks:
+            raise beyond
+        other = copy.copy(self)
+        other._ask(networks)
+        return other
 
     def reconstruct(
         self,
@@ -82,27 +121,56 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        return self.asked[0].grid.result(self.found(image, initial, progress))
+        image = check_image(image, self.scene)
+        search = BenchSearch(self, self.numbers)
+        seen = search.cleared(image)
+        found, answer = self._found(seen, initial, progress)
+        if self.watch is not None:
+            self.watch(found)
+        if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
+            found = search(image, found, answer, progress)
+        return self.asked[0].grid.result(found)
 
     def found(
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
     ) -> Reconstruction:
-        """The same with as many samples as it was found with, which may be others than the user's."""
-        image = check_image(image, self.scene)
+        """Recover the relief with as many samples as it is found with, which may be others than the user's.
+
+        On this bench and no other, of an image without stray light.
+        """
+        return self._found(check_image(image, self.scene), initial, progress)[0]
+
+    def answer(self, image: CausticImage) -> FloatArray:
+        """Heights of the networks before they are refined [m], shape [n, n]."""
+        resimulation = self._resimulation(image)
+        found = self._opinion(resimulation, RunLog(0, None))
+        if found.reason == "interrupted":
+            raise KeyboardInterrupt
+        return as_glass(found.answers.mean(0).cpu().numpy(), self.scene)
+
+    def _resimulation(self, image: CausticImage) -> Resimulation:
+        """At the exposure that a network needs."""
+        resimulation, bench = Resimulation(self.simulator, image), self.asked[0].bench
+        if bench is None or not bench.is_near:
+            return resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
+        return resimulation
+
+    def _opinion(self, resimulation: Resimulation, log: RunLog) -> Opinion:
+        def residual(heights: torch.Tensor) -> float:
+            found = as_glass(heights.cpu().numpy(), self.scene)
+            return resimulation.exposed(found)(found).residual
+
+        return opinion(self.asked, resimulation.image, residual, log)
+
+    def _found(
+        self, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None
+    ) -> tuple[Reconstruction, FloatArray]:
+        """The record, and the heights before they were refined."""
         if initial is not None:
             check_initial(initial, self.network.seen.user)
         log = RunLog(0, progress)
-        resimulation = Resimulation(self.simulator, image)
-        bench = self.asked[0].bench
-        if bench is None or not bench.is_near:
-            resimulation = resimulation.exposed(least=TRAINED_EXPOSURE_ERROR)
-        left = resimulation
-
-        def residual(heights: torch.Tensor) -> float:
-            found = as_glass(heights.cpu().numpy(), self.scene)
-            return left.exposed(found)(found).residual
-
-        found = opinion(self.asked, resimulation.image, residual, log)
+        resimulation = self._resimulation(image)
+        found = self._opinion(resimulation, log)
         answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
         warnings = list(network.warnings)
@@ -110,7 +178,7 @@ class Direct(Reconstructor):
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         n = self.scene.height_samples
         mean = answers.mean(0).cpu().numpy() if len(answers) else torch.zeros(n, n).numpy()
-        heights = as_glass(mean, self.scene)
+        heights = answer = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
@@ -145,7 +213,7 @@ class Direct(Reconstructor):
                 ]
             counters["refinement"] = outcome(refined)
             timings["refinement"] = log.elapsed_s - timings["network"]
-        return network_result(
+        record = network_result(
             self.name,
             resimulation,
             heights,
@@ -159,6 +227,7 @@ class Direct(Reconstructor):
             no_uncertainty=no_spread,
             found_at=found_at,
         )
+        return record, answer
 
     def _no_uncertainty(self, network: FoundNetwork, answers: int) -> str:
         """Why a result of so many answers has no uncertainty; empty where it has one."""

@@ -1,15 +1,21 @@
 """What one network says of an image: heights in each symmetry of the set-up, on the grid where they are refined."""
 
+import copy
+import dataclasses
 from collections.abc import Iterator
+from typing import Self
 
 import torch
 
+from nets.family import check_family
 from nets.reconstruct.network_grid import NetworkGrid
 from nets.reconstruct.told_bench import ToldBench
 from nets.replayed import Replayed
+from nets.seen_scene import seen_scene
 from nets.shipped import FoundNetwork
 from nets.symmetries import all_symmetries, seen_in, turned_back
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.scene import Scene
 
 SYMMETRIES_AT_ONCE = {"cpu": 4, "cuda": 8}
 """By device."""
@@ -29,19 +35,42 @@ class NetworkAnswers:
     Attributes:
         network: that answers.
         grid: of its pictures and heights.
-        bench: what it is told; None where it is told nothing.
+        bench: what it is told, or what its picture is freed of; None where that is its own.
+        is_told: whether it is told.
         symmetries: shape [3, B], the identity first.
     """
 
     def __init__(self, network: FoundNetwork, device: torch.device, symmetries: bool = True):
         self.network, self.device = network, device
         self.grid, seen = NetworkGrid(network, device), network.seen.scene
-        is_told = bool(getattr(network.module, "is_told", False))
-        self.bench = ToldBench(seen, network.info.scene, device) if is_told else None
+        self.is_told = bool(getattr(network.module, "is_told", False))
+        self.bench = ToldBench(seen, network.info.scene, device) if self.is_told else None
         network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(network.module)
         found = all_symmetries(seen if self.bench is None else self.bench.trained)
         self.symmetries = found if symmetries else found[:, :1]
+
+    def on_bench(self, scene: Scene) -> Self:
+        """The same network on another bench near its own: as many pixels, samples and wavelengths.
+
+        A network that is told of its bench is told of this one. Another one sees the picture as its own bench would
+        have shown it: a flat plate's light where it met the plate, and heights in proportion, which is right to first
+        order (:mod:`nets.flat_light`); refinement does the rest.
+
+        Raises:
+            MismatchError: a bench beyond the family of a network that is told of it.
+        """
+        trained = self.network.info.scene
+        seen = seen_scene(scene, trained)
+        if self.is_told:
+            check_family(seen, trained, self.network.info.training["family"], self.network.file, "direct")
+        other = copy.copy(self)
+        other.network = dataclasses.replace(self.network, seen=seen)
+        other.grid = NetworkGrid(other.network, self.device)
+        other.bench = ToldBench(seen.scene, trained, self.device)
+        is_all = self.symmetries.shape[1] > 1
+        other.symmetries = all_symmetries(trained)[:, : None if is_all else 1]
+        return other
 
     @property
     def batches(self) -> int:
@@ -58,7 +87,7 @@ class NetworkAnswers:
         if self.bench is not None:
             seen = self.bench.picture(seen)
         for part in self.symmetries.split(SYMMETRIES_AT_ONCE[self.device.type], dim=1):
-            told = [] if self.bench is None else [self.bench.told(noise, part)]
+            told = [self.bench.told(noise, part)] if self.bench is not None and self.is_told else []
             heights = self.replayed(seen_in(seen, part), *told)
             if self.bench is not None:
                 heights = heights * self.bench.height_scale

@@ -31,7 +31,7 @@ LAYERS = {
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
         "setup capture reconstruct",
         "calibration",
-        "inspection design",
+        "inspection design found_bench",
     ),
     "warp_caustics.reconstruct": (
         "objective plot",

@@ -1,0 +1,256 @@
+"""Plate and bench together: the network's heights and the numbers of the bench found in turn.
+
+    theta_0 = told;   h_k = network(image as the bench of theta_k shows it);   theta_k+1 = theta_k + step(h_k, theta_k)
+
+The step moves heights along (:mod:`warp_caustics.found_bench`), and the network finds them again on the new bench. It
+is asked for heights before they are refined: refined ones have made up for the bench already, and nothing is left of
+the image that would tell of it. Afterwards heights are refined on the bench that was found, and kept if that explains
+the image better than those on the bench that was told.
+"""
+
+import dataclasses
+import math
+import time
+from collections.abc import Mapping
+from typing import Protocol, Self
+
+import numpy as np
+import torch
+
+from nets.reconstruct.refinement import Refinement
+from nets.shipped import FoundNetwork
+from warp_caustics.calibration.flat_light import flat_light
+from warp_caustics.errors import CausticsError
+from warp_caustics.found_bench.bench_model import BenchModel
+from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber, deviation, verdict_of
+from warp_caustics.found_bench.bench_step import BenchStep, bench_step
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction
+from warp_caustics.reconstruct.exposure import light_ratio
+from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, measurement_at
+from warp_caustics.reconstruct.result import estimated_noise
+from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.resampling import blur_matrices
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+ROUNDS = 4
+"""Networks asked on benches that were found, at most."""
+FURTHER = 1.5
+"""By which steps are lengthened: heights that are wrong take half to three quarters of what the image says of a bench
+to themselves, and the next round takes back what was too much."""
+BORDER_PX = 4
+"""Of the image on all sides, that do not count: a picture that is moved has half pixels there."""
+UNKNOWN_NOISE = 0.02
+"""Of flat light, where an image does not tell its own."""
+WORTH = 2.0
+"""Standard deviations from what was told, after the first step, at which others are worth taking."""
+LEAST_GAIN = 0.02
+"""Share by which what is left of the image must fall for a found bench to be kept."""
+
+
+class BenchMethod(Protocol):
+    """A network with its refinement on one bench, which can be taken to another."""
+
+    scene: Scene
+    device: torch.device
+    network: FoundNetwork
+    refinement: Refinement
+
+    def on_bench(self, scene: Scene) -> Self:
+        """The same on another bench.
+
+        Raises:
+            CausticsError: it serves none such.
+        """
+
+    def answer(self, image: CausticImage) -> FloatArray:
+        """Heights of the network before they are refined [m], shape [n, n]."""
+
+    def found(
+        self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
+    ) -> Reconstruction:
+        """Heights refined on this bench, with their record."""
+
+
+class BenchSearch:
+    """Looks for the bench of one image.
+
+    Args:
+        method: ``direct`` on the bench that is told.
+        numbers: what is looked for.
+    """
+
+    def __init__(self, method: BenchMethod, numbers: BenchNumbers):
+        self.method, self.numbers = method, numbers
+
+    def __call__(
+        self, image: CausticImage, told: Reconstruction, answer: FloatArray, progress: ProgressCallback | None
+    ) -> Reconstruction:
+        """The better of what was found on the told bench and on the one that the image tells of, with a record.
+
+        Args:
+            image: as it was measured.
+            told: what was found on the bench that was told, refined.
+            answer: heights of the network there, not refined [m], shape [n, n].
+            progress: called after every step of the second refinement.
+        """
+        started = time.perf_counter()
+        values, why = dict(self._before), "the image is explained as well by what was told"
+        steps: list[BenchStep] = []
+        try:
+            values, steps, sigma = self._searched(image, told, answer)
+        except CausticsError as error:
+            why = f"the search ended where no bench is: {error}"
+            sigma = {}
+        found = self._significant(values, sigma)
+        search_s = time.perf_counter() - started
+        kept, is_kept = told, False
+        if any(found[name] != self._before[name] for name in found):
+            try:
+                other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, progress)
+            except CausticsError as error:
+                why = f"no heights can be found on that bench: {error}"
+            else:
+                was, now = self._left(image, told, self._before), self._left(image, other, found)
+                is_kept = now < (1 - LEAST_GAIN) * was
+                why = f"what is left of the image {'fell' if is_kept else 'did not fall'} from {was:.3g} to {now:.3g}"
+                kept = self._as_measured(other, found) if is_kept else told
+        record = self._record(values, sigma, is_kept, why, len(steps))
+        timings = told.timings_s | {"bench": search_s}
+        if is_kept:
+            timings |= {f"{name} on the found bench": value for name, value in kept.timings_s.items()}
+        return dataclasses.replace(
+            kept,
+            timings_s=timings,
+            counters=kept.counters | {"bench": record.record},
+            warnings=(*kept.warnings, *record.warnings()),
+        )
+
+    def cleared(self, image: CausticImage) -> CausticImage:
+        """The image without the stray light that is told."""
+        if not self.numbers.before[AMBIENT]:
+            return image
+        scene = self.method.scene
+        ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
+        return self._as_on(image, self._before, ratio)
+
+    @property
+    def _before(self) -> dict[str, float]:
+        return {name: self.numbers.before[name] for name in self.numbers.names}
+
+    def _searched(
+        self, image: CausticImage, told: Reconstruction, answer: FloatArray
+    ) -> tuple[dict[str, float], list[BenchStep], dict[str, float]]:
+        """Values, the steps to them, and their deviations."""
+        scene, device = self.method.scene, self.method.device
+        pixels = self.method.refinement.pixels
+        camera = ChannelCamera.of_record(told.counters["camera"], scene.image_pixels)
+        blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
+        together = channels_together(image, camera, device) if camera.displaces else image
+        factor = scene.image_pixels // pixels
+        measurement = measurement_at(together, scene, pixels, device, -(-BORDER_PX // factor))
+        model, noise = BenchModel(self.numbers, pixels, device, blur), self._noise(image) / factor
+        values, heights, steps = dict(self._before), answer, []
+        sigma: dict[str, float] = {}
+        for turn in range(ROUNDS):
+            relief = torch.tensor(heights, dtype=torch.float32, device=device)
+            step = bench_step(model, relief, values, measurement, noise)
+            steps.append(step)
+            move = {name: step.values[name] - values[name] for name in values}
+            sigma = {name: math.hypot(step.sigma[name], abs(move[name]) / 2) for name in values}
+            is_there = not step.gain or all(abs(move[name]) < step.sigma[name] for name in values)
+            if is_there or (not turn and not self._is_off(step.values, step.sigma)):
+                return step.values, steps, sigma
+            further = {name: values[name] + FURTHER * move[name] for name in values}
+            values = self.numbers.within(further if turn + 1 < ROUNDS else step.values)
+            if turn + 1 < ROUNDS:
+                heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
+        return values, steps, sigma
+
+    def _noise(self, image: CausticImage) -> torch.Tensor:
+        """Standard deviation where light is flat, in units of the radiosity, shape [n_w]."""
+        scene = self.method.scene
+        noise = image.noise_std if image.noise_std is not None else estimated_noise(image, scene)
+        level = np.maximum(np.asarray(scene.radiosity_W_m2), 1e-30)
+        relative = np.full(len(level), UNKNOWN_NOISE) if noise is None else np.asarray(noise) / level
+        return torch.as_tensor(np.maximum(relative, 1e-3), dtype=torch.float64)
+
+    def _is_off(self, values: Mapping[str, float], sigma: Mapping[str, float]) -> bool:
+        """Whether another round is worth its time."""
+        return any(
+            abs(values[p.name] - self._before[p.name]) > WORTH * deviation(p, sigma[p.name])
+            for p in self.numbers.parameters
+        )
+
+    def _significant(self, values: Mapping[str, float], sigma: Mapping[str, float]) -> dict[str, float]:
+        """Values that differ from what was told by more than they are uncertain; of others what was told."""
+        return {
+            name: values[name] if verdict_of(p, was, values[name], sigma.get(name)) == "found" else was
+            for p, (name, was) in zip(self.numbers.parameters, self._before.items(), strict=True)
+        }
+
+    def _on(self, values: Mapping[str, float]) -> BenchMethod:
+        return self.method.on_bench(self._user_scene(values))
+
+    def _user_scene(self, values: Mapping[str, float]) -> Scene:
+        """The bench with as many samples as the user asked for."""
+        user = self.method.network.seen.user
+        return self.numbers.scene_of(values).model_copy(update={"height_samples": user.height_samples})
+
+    def _as_on(self, image: CausticImage, values: Mapping[str, float], exposure: FloatArray) -> CausticImage:
+        """The image as it would be without stray light, divided by the flat frame of the found bench."""
+        scene, stray = self.method.scene, values.get(AMBIENT, self.numbers.before[AMBIENT])
+        level = np.asarray(scene.radiosity_W_m2)[:, None, None]
+        irradiance = np.asarray(image.irradiance, np.float64)
+        if stray:
+            irradiance = irradiance * (1 + stray) - stray * (level * exposure[:, None, None])
+        irradiance = irradiance * self._flat_ratio(values)
+        noise = None if image.noise_std is None else image.noise_std * (1 + stray)
+        return dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+
+    def _as_measured(self, result: Reconstruction, values: Mapping[str, float]) -> Reconstruction:
+        """With its caustic as the image has it: stray light and all, divided by the flat frame of its bench."""
+        scene, stray = self.method.scene, values.get(AMBIENT, self.numbers.before[AMBIENT])
+        light = np.asarray(scene.radiosity_W_m2) * _exposure(result)
+        shown = result.image / self._flat_ratio(values)
+        seen = (shown + stray * light[:, None, None]) / (1 + stray)
+        return dataclasses.replace(result, image=seen.astype(result.image.dtype))
+
+    def _flat_ratio(self, values: Mapping[str, float]) -> FloatArray:
+        """Light of a flat plate on the bench of these values over that on the told one, shape [n_w, m, m]."""
+        scene, found = self.method.scene, self.numbers.scene_of(values)
+        if found.is_collimated and scene.is_collimated:
+            return np.ones((scene.n_wavelengths, scene.image_pixels, scene.image_pixels))
+        return _flat(found) / _flat(scene)
+
+    def _left(self, image: CausticImage, result: Reconstruction, values: Mapping[str, float]) -> float:
+        """What a result leaves of the image, in units that do not depend on the stray light that was taken off."""
+        stray = values.get(AMBIENT, self.numbers.before[AMBIENT])
+        exposure = _exposure(result)
+        measured = self._as_on(image, values, exposure)
+        shown = np.asarray(measured.irradiance, np.float64) / exposure[:, None, None]
+        counted = shown if measured.mask is None else shown[measured.mask]
+        return result.residual * float(np.sqrt(np.mean(np.square(counted)))) / (1 + stray)
+
+    def _record(
+        self, values: Mapping[str, float], sigma: Mapping[str, float], is_kept: bool, why: str, rounds: int
+    ) -> FoundBench:
+        found = [
+            FoundNumber.of(p, self._before[p.name], values[p.name], sigma.get(p.name), is_used=is_kept)
+            for p in self.numbers.parameters
+        ]
+        untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
+        return FoundBench((*found, *untold), is_kept, why, rounds)
+
+
+def _exposure(result: Reconstruction) -> FloatArray:
+    """Of the image, shape [n_w]."""
+    return np.asarray(result.counters["exposure"], dtype=np.float64)
+
+
+def _flat(scene: Scene) -> FloatArray:
+    """Light of a flat plate in units of the radiosity, shape [n_w, m, m]."""
+    level: FloatArray = flat_light(in_units_of_radiosity(scene, scene.image_pixels), scene.image_pixels).numpy()
+    return np.maximum(level, 1e-3)

@@ -1,0 +1,107 @@
+"""What a bench shows of heights in one image, and how that changes with its numbers and with the heights.
+
+As :mod:`warp_caustics.calibration.view_model` has it for plates that are known, but in single precision and in the
+pixels of a refinement, since both are asked many times while heights are found:
+
+    y = b ((E(h; theta) L_0 / L(theta)) + A) / (1 + A)
+
+E in units of the radiosity, L(theta) the light of a flat plate on the bench of theta, L_0 on the told one: a capture is
+divided by the flat frame of its own bench, and what was told is multiplied to it; A stray light, in the flat frame as
+well; b the brightness of each channel.
+"""
+
+from collections.abc import Mapping
+
+import torch
+
+from warp_caustics.calibration.flat_light import flat_light
+from warp_caustics.calibration.view_model import difference_ends
+from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
+from warp_caustics.resampling import blurred
+from warp_caustics.scene import Scene
+from warp_caustics.setup.optical import optical_steps
+from warp_caustics.simulator import CausticSimulator
+
+STEP = 50.0
+"""Steps of differences, in those of :func:`optical_steps`: light moves by 0.05 px."""
+HEIGHT_STEP = 0.01
+"""Of a change of heights in the direction that a derivative is taken in, in units of that change: for changes of
+a tenth or a pixel well within what is linear, and far above rounding."""
+
+
+class BenchModel:
+    """Images of heights on benches near a told one.
+
+    Args:
+        numbers: what is told, and what of it moves.
+        pixels: of images along a side.
+        device: where to simulate.
+        blur: of the camera at these pixels, matrices of shape [n_w, m, m]; None for none.
+    """
+
+    def __init__(
+        self, numbers: BenchNumbers, pixels: int, device: torch.device | str, blur: torch.Tensor | None = None
+    ):
+        self.numbers, self.pixels, self.device, self._blur = numbers, pixels, torch.device(device), blur
+        self._flat = self._level(numbers.scene)
+        self._parameters = {p.name: p for p in numbers.parameters}
+
+    def image(self, heights: torch.Tensor, values: Mapping[str, float]) -> torch.Tensor:
+        """y at b = 1, shape [..., n_w, m, m].
+
+        Args:
+            heights: [m], shape [..., n, n], float32.
+            values: of numbers, by name.
+
+        Raises:
+            InputError: values that make no bench.
+        """
+        scene = self.numbers.scene_of(values)
+        simulator = CausticSimulator(in_units_of_radiosity(scene, self.pixels), "lattice", device=self.device)
+        with torch.no_grad():
+            light = simulator(heights.to(self.device)) * (self._flat / self._level(scene))
+            if self._blur is not None:
+                light = blurred(light, self._blur)
+        stray = values.get(AMBIENT, self.numbers.before[AMBIENT])
+        return (light + stray) / (1 + stray)
+
+    def by_numbers(self, heights: torch.Tensor, values: Mapping[str, float], image: torch.Tensor) -> torch.Tensor:
+        """Derivatives of the image by the numbers that are looked for [1 / unit], shape [P, n_w, m, m].
+
+        Differences to one side, whose other end is the image itself: light moves by a twentieth of a pixel.
+
+        Args:
+            heights: [m], shape [n, n].
+            values: where.
+            image: there.
+        """
+        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(values), self.pixels))
+        columns = []
+        for parameter in self.numbers.parameters:
+            name, at = parameter.name, values[parameter.name]
+            if name == AMBIENT:
+                columns.append((1 - image) / (1 + at))
+                continue
+            low, high = difference_ends(parameter, at, STEP * steps[name])
+            end = high if high > at else low
+            columns.append((self.image(heights, {**values, name: end}) - image) / (end - at))
+        return torch.stack(columns)
+
+    def by_heights(
+        self, heights: torch.Tensor, values: Mapping[str, float], image: torch.Tensor, changes: torch.Tensor
+    ) -> torch.Tensor:
+        """Derivatives of the image along changes of the heights, shape [K, n_w, m, m].
+
+        Args:
+            heights: [m], shape [n, n].
+            values: where.
+            image: there.
+            changes: per unit, shape [K, n, n].
+        """
+        return (self.image(heights + HEIGHT_STEP * changes, values) - image) / HEIGHT_STEP
+
+    def _level(self, scene: Scene) -> torch.Tensor:
+        """Light of a flat plate in units of the radiosity, shape [n_w, m, m]; 1 for parallel light."""
+        level = flat_light(in_units_of_radiosity(scene, self.pixels), self.pixels)
+        return level.to(self.device, torch.float32).clamp_min(1e-3)
