@@ -18,8 +18,10 @@ venv: $(STAMP) ## install everything into .venv (PYTHON and CONSTRAINTS may be g
 $(STAMP): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit("$(PYTHON) is Python %d.%d, 3.11 or newer is needed; make PYTHON=python3.11" % sys.version_info[:2] if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
-	# Modules are compiled at their first use: of the 15,000 that come along a quarter is used.
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[dev,docs,exr,cluster]'
+	@# Modules are compiled at their first use: of the 15,000 that come along a quarter is used. Where Python is told to
+	@# keep nothing of that, all are compiled now, on all cores; some are templates of other programs and do not compile.
+	@if [ -n "$$PYTHONDONTWRITEBYTECODE" ]; then $(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true; fi
 	@touch $@
 
 demo: $(STAMP) ## reconstruct the example capture into demo_output/
