@@ -19,6 +19,8 @@ from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
+NEGLIGIBLE_DIFFERENCE = 1e-3
+"""Relative difference of images between two scenes that is not worth a word: a tenth of a good camera's noise."""
 MAX_IMAGE_DIFFERENCE = 0.01
 """Relative image difference ||a - b|| / ||b|| up to which scenes count as one: the noise of a good camera.
 Measured on Tab. 3 reliefs: 0.001 for glass between plate and screen, 0.023 for the screen at 10 um, 0.016 for a
@@ -79,7 +81,7 @@ def check_scene(
     settings: Mapping[str, str] | None = None,
     seen: SeenScene | None = None,
 ) -> tuple[str, ...]:
-    """Warnings of using a network for a scene; none where both are equal.
+    """Warnings of using a network for a scene; none where both are equal, or their images to ``NEGLIGIBLE_DIFFERENCE``.
 
     Args:
         scene: what was measured.
@@ -110,6 +112,8 @@ def check_scene(
         why = listed
     else:
         difference = image_difference(ours, trained, device)
+        if difference <= NEGLIGIBLE_DIFFERENCE:
+            return ()
         if difference <= MAX_IMAGE_DIFFERENCE:
             return (
                 f"{name} was trained for another scene ({listed}); used because images of both differ by "
