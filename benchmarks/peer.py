@@ -1,8 +1,8 @@
 """Beside a tracer written in Dr.Jit, on this machine: prints a table, writes JSON.
 
-Both make the caustic of ``f_lines`` (``speed.py``), and take turns, call by call; times are medians of whole calls, M is
-as in ``speed.py``. Dr.Jit comes from its wheel into an environment of its own below ``build/``; without the wheel, or without
-the LLVM library that it needs on a CPU, this says so in one line and ends well.
+Both make the caustic of ``f_lines`` (``speed.py``), and take turns, call by call; times are medians of whole calls,
+errors M as in ``speed.py``. Dr.Jit comes from its wheel into an environment of its own below ``build/``; without the
+wheel, or without the LLVM library that it needs on a CPU, this says so in one line and ends well.
 
     python -m benchmarks.peer [--device cuda] [--rounds 15] [--json FILE]
 """

@@ -119,16 +119,27 @@ def pixel_updates(simulator: CausticSimulator) -> int:
 
 
 def stages(case: Case, device: str, repeats: int) -> dict[str, float]:
-    """Median time of each stage on one thread or stream [ms]."""
+    """Median time of each stage on one thread or stream [ms]; of rows of a lattice, on all cores."""
     simulator = CausticSimulator(CONTACT, case.preset, n_photons=case.n_photons, device=device)  # type: ignore[arg-type]
     engine = simulator.engine
     fused = engine.fused
     heights = torch.from_numpy(heights_of("f_lines")[None]).float().to(device)
     coefficients = engine.coefficients(heights)
+    weights = torch.randn(1, 3, 512, 512, device=device)
+    if engine.rows is not None:
+        rows = engine.rows
+        with torch.no_grad():
+            by_row: dict[str, Callable[[], object]] = {
+                "spline coefficients": lambda: engine.coefficients(heights),
+                "photons to pixels": lambda: rows.image(coefficients, engine.fused_photons, engine.optics),
+                "adjoint: pixels to coefficients": lambda: rows.image_adjoint(
+                    coefficients, engine.fused_photons, engine.optics, weights
+                ),
+            }
+            return {name: 1e3 * statistics.median(seconds(call, device, repeats)) for name, call in by_row.items()}
     chunk = Chunk(0, simulator.n_photons, 0, engine.plan.rows)
     photons = engine.fused_photons(chunk, coefficients)
     image = torch.zeros(fused.image_shape(1), device=device)
-    weights = torch.randn(1, 3, 512, 512, device=device)
     grad_maps = fused.splat_adjoint(coefficients, photons, weights)
 
     def splat() -> None:

@@ -50,7 +50,9 @@ def sum_over_chunks(
             for chunk in plan.chunks(limit):
                 add(total, chunk)
             return total
-    slots = cpu_slots(plan, CPU_SLOTS, limit)
+    share = max(MIN_CHUNK_PHOTONS, -(-plan.count // CPU_SLOTS))
+    chunks = list(plan.chunks(min(limit, share)))
+    slots = [chunks[k::CPU_SLOTS] for k in range(min(CPU_SLOTS, len(chunks)))]
 
     def fill(slot: list[Chunk]) -> torch.Tensor:
         total = torch.zeros(shape, dtype=dtype)
@@ -63,13 +65,6 @@ def sum_over_chunks(
     for part in parts:
         total += part
     return total
-
-
-def cpu_slots(plan: PhotonPlan, wished: int, limit: int) -> list[list[Chunk]]:
-    """Chunks of at most so many photons, shared out to at most ``wished`` slots; the same for any number of cores."""
-    share = max(MIN_CHUNK_PHOTONS, -(-plan.count // wished))
-    chunks = list(plan.chunks(min(limit, share)))
-    return [chunks[k::wished] for k in range(min(wished, len(chunks)))]
 
 
 def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from warp_caustics.chunked import cpu_slots, on_all_cores, warp_array
+from warp_caustics.chunked import MIN_CHUNK_PHOTONS, on_all_cores, warp_array
 from warp_caustics.height_field import sample_coordinate
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.row_refraction import PLANES
@@ -21,8 +21,8 @@ PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
 """Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
 
 
-ROW_SLOTS = 16
-"""Strips of the lattice; more would use more cores."""
+STRIPS = 16
+"""Strips of rows that a lattice is cut into, whatever the number of cores: more would use more of them."""
 
 BATCH_BYTES = 64 * 2**20
 """Images of at most so much memory are summed at a time; every strip touches a part of its own copy."""
@@ -43,7 +43,8 @@ class LatticeRows:
         first = np.searchsorted(cell, np.arange(-1, n + 1))
         self._across = torch.from_numpy(across).to(dtype)
         self._first_photon = torch.from_numpy(first.astype(np.int32))
-        self._slots = cpu_slots(plan, ROW_SLOTS, plan.count)
+        rows = max(-(-plan.rows // STRIPS), -(-MIN_CHUNK_PHOTONS // plan.columns))
+        self._strips = list(plan.chunks(rows * plan.columns))
 
     def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m].
@@ -61,18 +62,17 @@ class LatticeRows:
         done = 0
         for group in groups:
 
-            def add(slot: list[Chunk], group: torch.Tensor = group) -> tuple[torch.Tensor, torch.Tensor]:
+            def add(strip: Chunk, group: torch.Tensor = group) -> tuple[torch.Tensor, torch.Tensor]:
                 # Rows of pixels are set to zero by whoever comes to them first.
                 part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
                 rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
-                for chunk in slot:
-                    outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
-                    self._launch(kernel, group, photons_of(chunk, group), [], outputs)
+                outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
+                self._launch(kernel, group, photons_of(strip, group), [], outputs)
                 return part, rows
 
             # By NumPy: torch's threads would wait for the next sum on the cores that compute it.
             total = image[done : done + len(group)].numpy()
-            for part, rows in on_all_cores(add, self._slots):
+            for part, rows in on_all_cores(add, self._strips):
                 for one, addend, (first, end) in zip(total, part.numpy(), rows.tolist(), strict=True):
                     one[:, first:end] += addend[:, first:end]
             done += len(group)
@@ -84,14 +84,13 @@ class LatticeRows:
         """Gradient of the coefficients from that of the image, in shapes of :meth:`image`."""
         kernel = row_adjoint_kernel(self._kind, optics.effects)
 
-        def add(slot: list[Chunk]) -> torch.Tensor:
+        def add(strip: Chunk) -> torch.Tensor:
             part = _zeros(*coefficients.shape, dtype=self._dtype)
-            for chunk in slot:
-                photons = photons_of(chunk, coefficients)
-                self._launch(kernel, coefficients, photons, [warp_array(grad_image)], [warp_array(part)])
+            photons = photons_of(strip, coefficients)
+            self._launch(kernel, coefficients, photons, [warp_array(grad_image)], [warp_array(part)])
             return part
 
-        parts = on_all_cores(add, self._slots)
+        parts = on_all_cores(add, self._strips)
         total = next(parts)
         for part in parts:
             total.numpy()[...] += part.numpy()

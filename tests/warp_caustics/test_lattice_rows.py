@@ -51,8 +51,14 @@ def one_by_one(simulator: CausticSimulator) -> CausticSimulator:
     return other
 
 
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-@pytest.mark.parametrize("name", CASES)
+EFFECTS = ("fresnel, far", "lamp", "tilt", "second hits", "second hits, tilt", "point light")
+"""Cases with kernels of their own, which are compiled for float64 alone."""
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [(name, torch.float64) for name in CASES] + [(name, torch.float32) for name in CASES if name not in EFFECTS],
+)
 def test_rows_are_the_photons_one_by_one(name, dtype):
     """Image and gradient, to rounding: borders, windows of every width, all effects."""
     changes, n_photons = CASES[name]

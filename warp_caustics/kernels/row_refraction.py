@@ -1,7 +1,7 @@
 """Refraction of light from straight above for a row of lattice photons, sixteen at a time, on a CPU.
 
-The formulas and names are those of ``collimated.py``, ``footprint.py`` and ``fresnel.py``, where they are explained;
-lamps of finite size and light from elsewhere are left to those.
+The formulas and names are those of ``collimated.py``, ``footprint.py``, ``fresnel.py`` and ``lamp.py``, where they are
+explained; light from elsewhere is left to ``general.py``.
 """
 
 from functools import cache
@@ -63,8 +63,9 @@ _PER_PHOTON = """
         const V j_xy = (shift * h_xy + h_x * w_y) * unit_xy;
         const V j_yx = (shift * h_xy + h_y * w_x) * unit_yx;
         const V j_yy = (one + shift * h_yy + h_y * w_y) * unit_yy;
-        const V raw_x = j_xx * j_xx + j_xy * j_xy, raw_y = j_yx * j_yx + j_yy * j_yy;
-        const V raw_xy = j_xx * j_yx + j_xy * j_yy;
+        V raw_x = j_xx * j_xx + j_xy * j_xy, raw_y = j_yx * j_yx + j_yy * j_yy;
+        V raw_xy = j_xx * j_yx + j_xy * j_yy;
+        LAMP_SIZE
         const V spread = larger(raw_x + raw_y, V(optics.min_var));
         const V shrink = smaller(one, optics.max_var / spread);
         const V var_y = shrink * raw_y + optics.min_var;
@@ -108,6 +109,42 @@ _PASSED_ADJOINT = (
         g_m += amplitude * load(g + 5 * plane) * (by_root * c * inv_root - through * sine2_m);
 """
 )
+
+_LAMP = """
+        // --- lamp.py: J_dir = alpha I + turn grad h grad h^T
+        const V part = eta / (eta + bend), tilt = bend * inv_root, side = one - tilt * slope2;
+        const V e2 = u * u * z * z, by_e = e2 * side - tilt;
+        const real behind = optics.gap * eta * ratio;
+        const V alpha = thickness * part + behind * z;
+        const V turned = behind * z * by_e - thickness * part * part * tilt;
+        const V lamp_px = h_x * px_x, lamp_py = h_y * px_y;
+        const V plain = optics.lamp_var * alpha * alpha;
+        const V along = optics.lamp_var * turned * (real(2) * alpha + turned * slope2);
+        raw_x += plain * px_x * px_x + along * lamp_px * lamp_px;
+        raw_xy += along * lamp_px * lamp_py;
+        raw_y += plain * px_y * px_y + along * lamp_py * lamp_py;
+"""
+
+_LAMP_ADJOINT = """
+        const V part_m = real(0.5) * part * part * bend * tilt / eta;
+        const V tilt_m = real(-0.5) * tilt * (tilt + c * inv_root * inv_root);
+        const V side_m = -tilt_m * slope2 - tilt;
+        const V z_m = real(0.5) * u * u * side * z * z * z;
+        const V e2_m = real(2) * e2 * (z_m / z - real(0.5) * tilt);
+        const V by_e_m = e2_m * side + e2 * side_m - tilt_m;
+        const V alpha_m = thickness * part_m + behind * z_m;
+        const V turned_m = behind * (z_m * by_e + z * by_e_m)
+            - thickness * part * (real(2) * part_m * tilt + part * tilt_m);
+        const V g_plain = optics.lamp_var * (g_xx * px_x * px_x + g_yy * px_y * px_y);
+        const V g_along = optics.lamp_var
+            * (g_xx * lamp_px * lamp_px + g_xy * lamp_px * lamp_py + g_yy * lamp_py * lamp_py);
+        const V g_alpha = real(2) * (alpha * g_plain + turned * g_along);
+        const V g_turned = real(2) * (alpha + turned * slope2) * g_along;
+        g_m += real(2) * (turned * turned * g_along + g_alpha * alpha_m + g_turned * turned_m);
+        const V lamp_h = g_alpha * part - g_turned * part * part * tilt;
+        const V lamp_x = along * (real(2) * g_xx * lamp_px + g_xy * lamp_py) * px_x;
+        const V lamp_y = along * (real(2) * g_yy * lamp_py + g_xy * lamp_px) * px_y;
+"""
 
 _LIGHT = (
     _PER_ROW
@@ -183,15 +220,16 @@ _LIGHT_ADJOINT = (
         V g_m = real(2) * (g_k * k_m + g_shift_m * thickness * k_mm
             + optics.gap * (g_shift * e_m + g_shift_m * e_mm));
         PASSED
+        LAMP_ADJOINT
         const V g_vx = shift_m * a_x, g_vy = shift_m * a_y;
         // --- to height, slopes and second derivatives
         auto add = [&](int i, V value) __attribute__((always_inline)) {
             value = is_lit ? value : zero;
             *(V*)(to + i * plane) = is_first ? value : load(to + i * plane) + value;
         };
-        add(0, g_shift * k + g_shift_m * k_m);
-        add(1, g_x * shift + g_jxx * w_x + g_jxy * w_y + k * a_x + h_x * g_m + g_vx * h_xx + g_vy * h_xy);
-        add(2, g_y * shift + g_jyx * w_x + g_jyy * w_y + k * a_y + h_y * g_m + g_vx * h_xy + g_vy * h_yy);
+        add(0, lamp_h + g_shift * k + g_shift_m * k_m);
+        add(1, lamp_x + g_x * shift + g_jxx * w_x + g_jxy * w_y + k * a_x + h_x * g_m + g_vx * h_xx + g_vy * h_xy);
+        add(2, lamp_y + g_y * shift + g_jyx * w_x + g_jyy * w_y + k * a_y + h_y * g_m + g_vx * h_xy + g_vy * h_yy);
         add(3, g_jxx * shift + g_vx * h_x);
         add(4, g_cross * shift + g_vx * h_y + g_vy * h_x);
         add(5, g_jyy * shift + g_vy * h_y);
@@ -201,12 +239,15 @@ _LIGHT_ADJOINT = (
 
 
 @cache
-def row_refraction_functions(dtype: Any, has_fresnel: bool) -> tuple[Any, Any]:
+def row_refraction_functions(dtype: Any, has_fresnel: bool, has_lamp: bool) -> tuple[Any, Any]:
     """``refract_row``: surface maps of a row at y to footprints, and ``refract_row_adjoint``, which adds to the
     gradient of the maps or, where ``is_first``, writes it."""
 
     def snippet(body: str, passed: str) -> str:
-        body = body.replace("PASSED", passed if has_fresnel else "")
+        body = body.replace("PASSED", passed if has_fresnel else "").replace("LAMP_SIZE", _LAMP if has_lamp else "")
+        body = body.replace(
+            "LAMP_ADJOINT", _LAMP_ADJOINT if has_lamp else "const V lamp_h = zero, lamp_x = zero, lamp_y = zero;"
+        )
         return vector_snippet(dtype, (_TRANSMISSION if has_fresnel else "") + body)
 
     Optics, Colour = optics_struct(dtype), colour_struct(dtype)

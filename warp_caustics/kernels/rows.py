@@ -1,9 +1,9 @@
 """Rows of lattice photons from surface to pixels and back, on a CPU: what ``fused.py`` does, sixteen photons at a time.
 
 A row goes through scratch memory in three steps, ``row_surface.py``, refraction and ``row_pixels.py``. Refraction is
-``row_refraction.py`` for light from straight above and a lamp without size, otherwise the functions of the other
-kernels photon by photon. A launch of Warp runs on one core, row after row, so rows share their scratch memory; every
-core has a launch and an image of its own (``chunked.py``).
+``row_refraction.py`` for light from straight above, otherwise ``general.py`` photon by photon. A launch of Warp runs on
+one core, row after row, so rows share their scratch memory; every core has a launch and an image of its own
+(``chunked.py``).
 """
 
 from functools import cache
@@ -12,7 +12,6 @@ from typing import Any, no_type_check
 
 import warp as wp
 
-from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.fused import footprints_function
@@ -30,17 +29,12 @@ from warp_caustics.kernels.row_surface import both_ways_function, row_surface_fu
 from warp_caustics.kernels.surface import photon_struct, surface_functions
 
 
-def is_vectorised(effects: Effects) -> bool:
-    """Whether a row's refraction is done sixteen photons at a time."""
-    return effects.is_straight and not effects.lamp
-
-
 @cache
 def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """What both kernels share: ``along_y``, ``photon_of``, ``footprint_of`` and ``light_of_row``."""
     surface = surface_functions(dtype)
     weights, slopes, curvatures = surface.spline_weights, surface.spline_slopes, surface.spline_curvatures
-    refract_row, _ = row_refraction_functions(dtype, effects.fresnel)
+    refract_row, _ = row_refraction_functions(dtype, effects.fresnel, effects.lamp)
     footprints = footprints_function(dtype, 1, effects)
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
@@ -49,7 +43,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     vec6 = wp.types.vector(length=6, dtype=dtype)
     half = wp.constant(dtype(0.5))
     zero = wp.constant(dtype(0.0))
-    vectorised, is_blocked = is_vectorised(effects), effects.second_hits
+    is_straight, is_blocked = effects.is_straight, effects.second_hits
 
     @no_type_check
     @wp.func
@@ -96,7 +90,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         work: wp.array2d[dtype],
     ):
         """Surface maps to footprints of a row at one wavelength; ``first`` is the number of its first photon."""
-        if wp.static(vectorised):
+        if wp.static(is_straight):
             refract_row(across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, work)
             if wp.static(is_blocked):
                 for j in range(photons.columns):
@@ -204,17 +198,12 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
     along_y, photon_of, footprint_of = functions.along_y, functions.photon_of, functions.footprint_of
     light_of_row = functions.light_of_row
     row_maps, row_maps_adjoint = row_surface_functions(dtype)
-    _, refract_row_adjoint = row_refraction_functions(dtype, effects.fresnel)
+    _, refract_row_adjoint = row_refraction_functions(dtype, effects.fresnel, effects.lamp)
     _, gather_row_of_photons = row_pixel_functions(dtype)
     gather = gathering_function(dtype, "spline", 1, True)
-    vectorised, is_straight = is_vectorised(effects), effects.is_straight
-    collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
-    refraction = (collimated if is_straight else general).refraction
-    footprint_adjoint, record_gradient, weighted = (
-        collimated.footprint_adjoint,
-        general.record_gradient,
-        general.weighted,
-    )
+    is_straight = effects.is_straight
+    general = general_functions(dtype, effects)
+    refraction, record_gradient, weighted = general.refraction, general.record_gradient, general.weighted
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
     Photons = photons_struct(dtype)
@@ -234,7 +223,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
         """Gradient of footprints to that of the surface maps: written for the first wavelength, then added to."""
         optics = optics_of(photons, b)
         colour = colour_of(photons, b, c)
-        if wp.static(vectorised):
+        if wp.static(is_straight):
             refract_row_adjoint(across, y, colour, optics, photons.columns, c == 0, work)
         else:
             for j in range(photons.columns):
@@ -244,12 +233,9 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
                     photon = photon_of(work, across, j, y)
                     g = footprint_of(work, wp.static(GRADIENT_PLANE), j)
                     bent = refraction(photon, colour, optics)
-                    if wp.static(is_straight):
-                        gradient = footprint_adjoint(photon, colour, bent, optics, f, g)
-                    else:
-                        gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
-                            photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
-                        )
+                    gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
+                        photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
+                    )
                 for plane in range(6):
                     before = work[wp.static(MAP_GRADIENT_PLANE) + plane, j]
                     if c == 0:
