@@ -3,8 +3,9 @@
 Unknowns are the numbers theta, brightness and softness of each channel, and the amplitudes of a few changes of the
 heights (:mod:`~warp_caustics.found_bench.height_changes`), all in units of prior widths. All but theta are estimated
 along and thrown away: heights are found again on the new bench. Softness is half a Laplacian, what a little blur does:
-images of other photons are less sharp than a simulation, or more, which would be taken for stray light. Residuals are weighed by a noise that is fitted to them, since
-what is wrong with the heights is most of them, and by Huber's weights beside it.
+images of other photons are less sharp than a simulation, or more, which would be taken for stray light. Residuals are
+weighed by a noise that is fitted to them, since what is wrong with the heights is most of them, and by Huber's weights
+beside it.
 
 The deviation is that of a sandwich over blocks of the image (:mod:`warp_caustics.calibration.posterior`): errors of
 heights hang together over a line, and what parts of the image disagree by tells how far they lead astray.
