@@ -35,7 +35,7 @@ from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
-ROUNDS = 4
+ROUNDS = 6
 """Networks asked on benches that were found, at most."""
 FURTHER = 1.5
 """By which steps are lengthened: heights that are wrong take half to three quarters of what the image says of a bench
