@@ -88,6 +88,8 @@ def found(method: Any, case: Case, shot: Measured) -> dict[str, Any]:
     method.watch = own
     bench = result.counters["bench"]
     truth = optical_values(case.scene, case.told) | {AMBIENT: TRUE_AMBIENT.get(case.row, 0.0)}
+    if not isinstance(case.scene.glass, str):
+        truth["dispersion_scale"] = 0.0
     return {
         "told": errors(first[0], shot, case.told),
         "estimate": errors(result, shot, case.told),

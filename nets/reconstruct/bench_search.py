@@ -35,7 +35,7 @@ from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
-ROUNDS = 4
+ROUNDS = 6
 """Networks asked on benches that were found, at most."""
 FURTHER = 1.5
 """By which steps are lengthened: heights that are wrong take half to three quarters of what the image says of a bench
@@ -47,7 +47,7 @@ UNKNOWN_NOISE = 0.02
 WORTH = 2.0
 """Standard deviations from what was told, after the first step, at which others are worth taking."""
 LEAST_GAIN = 0.02
-"""Share by which what is left of the image must fall for a found bench to be kept."""
+"""Share by which what is left of the image beyond its noise must fall for a found bench to be kept."""
 
 
 class BenchMethod(Protocol):
@@ -114,7 +114,7 @@ class BenchSearch:
                 why = f"no heights can be found on that bench: {error}"
             else:
                 was, now = self._left(image, told, self._before), self._left(image, other, found)
-                is_kept = now < (1 - LEAST_GAIN) * was
+                is_kept = is_less(now, was, self._noise_left(image, told))
                 why = f"what is left of the image {'fell' if is_kept else 'did not fall'} from {was:.3g} to {now:.3g}"
                 kept = self._as_measured(other, found) if is_kept else told
         record = self._record(values, sigma, is_kept, why, len(steps))
@@ -210,6 +210,11 @@ class BenchSearch:
         noise = None if image.noise_std is None else image.noise_std * (1 + stray)
         return dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
 
+    def _noise_left(self, image: CausticImage, told: Reconstruction) -> float:
+        """What noise leaves of the image at the exposure of the told result, in the units of :meth:`_left`."""
+        noise = self._noise(image).numpy() * np.asarray(self.method.scene.radiosity_W_m2) / _exposure(told)
+        return float(np.sqrt(np.mean(np.square(noise))))
+
     def _as_measured(self, result: Reconstruction, values: Mapping[str, float]) -> Reconstruction:
         """With its caustic as the image has it: stray light and all, divided by the flat frame of its bench."""
         scene, stray = self.method.scene, values.get(AMBIENT, self.numbers.before[AMBIENT])
@@ -243,6 +248,11 @@ class BenchSearch:
         ]
         untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
         return FoundBench((*found, *untold), is_kept, why, rounds)
+
+
+def is_less(now: float, was: float, noise: float) -> bool:
+    """Whether what is left of an image has become less, by more than a share of what noise does not explain."""
+    return was**2 - now**2 > 2 * LEAST_GAIN * max(was**2 - noise**2, 0.0)
 
 
 def _exposure(result: Reconstruction) -> FloatArray:

@@ -1,33 +1,27 @@
 """What was found of a bench, number by number, for the record and for people."""
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from warp_caustics.found_bench.bench_numbers import AMBIENT, WHY_NOT_TOLD
+from warp_caustics.found_bench.bench_numbers import WHY_NOT_TOLD
 from warp_caustics.setup.parameter import Parameter
 
 SIGNIFICANT = 4.0
 """Standard deviations from what was told at which a number is found to be another."""
 TOLD = 0.8
 """What an image leaves of a prior width at most where it says something."""
-LEAST = {"screen_x_m": 6e-6, "screen_y_m": 6e-6, "vergence_per_m": 0.05, "dispersion_scale": 0.06, AMBIENT: 4e-3}
-"""Systematic deviations: what plates on benches that are as told show besides (docs/found_bench.md)."""
-
 NOT_TOLD: Literal["not told by this image"] = "not told by this image"
 Verdict = Literal["found", "as told", "in doubt", "not told by this image"]
 """In doubt: the image says otherwise, but heights on that bench explain it no better, and what was told is used."""
 
 
 def deviation(parameter: Parameter, sigma: float | None) -> float:
-    """Standard deviation of a number, what no image shows beside its noise included; at most what was known before."""
-    if sigma is None:
-        return parameter.prior
-    return min(math.hypot(sigma, LEAST.get(parameter.name, 0.0)), parameter.prior)
+    """Standard deviation of a number: what an image leaves, at most what was known before."""
+    return parameter.prior if sigma is None else min(sigma, parameter.prior)
 
 
 def verdict_of(parameter: Parameter, told: float, value: float, sigma: float | None) -> Verdict:
-    """What an image says of a number: sigma is what its noise leaves, None where it was not looked for."""
+    """What an image says of a number: sigma is its deviation, None where it was not looked for."""
     whole = deviation(parameter, sigma)
     if sigma is None or whole > TOLD * parameter.prior:
         return NOT_TOLD
@@ -68,7 +62,7 @@ class FoundNumber:
             parameter: which.
             told: what was told.
             seen: what the image says.
-            sigma: what its noise leaves; None where the search broke off.
+            sigma: its deviation; None where the search broke off.
             is_used: heights are those of the found bench.
         """
         verdict = verdict_of(parameter, told, seen, sigma)
@@ -115,11 +109,24 @@ class FoundBench:
 
     def warnings(self) -> list[str]:
         """What the user should know, a line for all numbers."""
-        off = [number for number in self.numbers if number.verdict == "found"]
-        if not off:
-            return []
-        listed = ", ".join(f"{n.name} {n.found:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}" for n in off)
-        return [
-            f"the image tells of another bench than was told: {listed}; heights are those on that bench, check it, or "
-            "take --set-up known"
-        ]
+        lines = []
+        listed = self._listed("found")
+        if listed:
+            lines.append(
+                f"the image tells of another bench than was told: {listed}; heights are those on that bench: check it, "
+                "or take --set-up known"
+            )
+        listed = self._listed("in doubt")
+        if listed:
+            lines.append(
+                f"the bench is in doubt: the image looks as of {listed}, but heights on that bench explain it no "
+                "better; heights are those on the bench that was told: check it"
+            )
+        return lines
+
+    def _listed(self, verdict: Verdict) -> str:
+        return ", ".join(
+            f"{n.name} {n.seen:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}"
+            for n in self.numbers
+            if n.verdict == verdict
+        )

@@ -3,13 +3,15 @@
 Unknowns are the numbers theta, brightness and softness of each channel, and the amplitudes of a few changes of the
 heights (:mod:`~warp_caustics.found_bench.height_changes`), all in units of prior widths. All but theta are estimated
 along and thrown away: heights are found again on the new bench. Softness is half a Laplacian, what a little blur does:
-images of other photons are less sharp than a simulation, or more, which would be taken for stray light. Residuals are weighed by a noise that is fitted to them, since
-what is wrong with the heights is most of them, and by Huber's weights beside it.
+images of other photons are less sharp than a simulation, or more, which would be taken for stray light. Residuals are
+weighed by a noise that is fitted to them, since what is wrong with the heights is most of them, and by Huber's weights
+beside it.
 
 The deviation is that of a sandwich over blocks of the image (:mod:`warp_caustics.calibration.posterior`): errors of
 heights hang together over a line, and what parts of the image disagree by tells how far they lead astray.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,8 +21,12 @@ from warp_caustics.calibration.least_squares import huber
 from warp_caustics.calibration.noise_model import fitted_variance, terms
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
+from warp_caustics.found_bench.bench_numbers import AMBIENT
 from warp_caustics.found_bench.height_changes import height_changes
 from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
+from warp_caustics.scene import Scene
+from warp_caustics.setup.optical import STEP_PX, optical_steps
 
 BRIGHTNESS = 0.05
 """Prior width of each channel's brightness: of a lamp that drifts between two frames."""
@@ -30,6 +36,14 @@ LARGEST = 2.0
 """Of a coordinate in one step [prior widths]: heights are found again before the next."""
 SHARES = (1.0, 0.5, 0.25)
 """Of a step that are tried."""
+SYSTEMATIC_PX = {
+    "screen_x_m": 0.03, "screen_y_m": 0.03, "vergence_per_m": 0.015, "lamp_distance_m": 0.015,
+    "dispersion_scale": 0.007,
+}  # fmt: skip
+"""By what plates with heights that are right still come out wrong: how far light would move, in pixels that are as
+coarse as a simulation and sample caustics that are sharper (docs/found_bench.md)."""
+SYSTEMATIC_AMBIENT = 4e-3
+"""The same of stray light: what a camera that does not count below 0 makes of noise in the dark."""
 BLOCKS = 16
 """Along each side of the image, for the scatter of what its parts say."""
 
@@ -102,7 +116,8 @@ def bench_step(
     step = torch.linalg.solve(information, pull)
     step = step * min(1.0, LARGEST / max(float(step[:count].abs().max()), 1e-300))
     spread = _spread(information, weighted * residual)[:count] * priors
-    deviations = dict(zip(numbers.names, spread.tolist(), strict=True))
+    least = systematic(numbers.scene_of(values), measurement.irradiance.shape[-1])
+    deviations = {name: math.hypot(s, least[name]) for name, s in zip(numbers.names, spread.tolist(), strict=True)}
     start = float(rho.sum())
     for share in SHARES:
         moved = at + share * step[:count] * priors
@@ -117,6 +132,19 @@ def bench_step(
         if cost < start:
             return BenchStep(trial, deviations, start - cost)
     return BenchStep(dict(values), deviations, 0.0)
+
+
+def systematic(scene: Scene, pixels: int) -> dict[str, float]:
+    """Deviations that are the model's and not the noise's, by name.
+
+    Args:
+        scene: the bench.
+        pixels: simulated, along a side.
+    """
+    steps = optical_steps(in_units_of_radiosity(scene, pixels))
+    return {name: moved / STEP_PX * steps[name] for name, moved in SYSTEMATIC_PX.items()} | {
+        AMBIENT: SYSTEMATIC_AMBIENT
+    }
 
 
 def _laplacian(images: torch.Tensor) -> torch.Tensor:

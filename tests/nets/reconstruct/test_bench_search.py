@@ -1,0 +1,182 @@
+"""Plate and bench together, with a network that answers what is true."""
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.bench_search import BenchSearch, is_less
+from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.methods import create
+from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.found_bench.bench_model import BenchModel
+from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.prints.line import Line, line_relief
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.scene import Scene
+
+SCENE = Scene(height_samples=32, image_pixels=128)
+LINES = [
+    Line((-0.018, -0.015), (0.015, 0.012), 6e-3, 1.6e-3),
+    Line((0.018, -0.012), (-0.016, 0.017), 7e-3, 1.8e-3),
+    Line((-0.02, 0.012), (0.02, 0.018), 5e-3, 1.4e-3),
+    Line((-0.02, -0.019), (0.005, 0.02), 6e-3, 1.2e-3),
+]
+
+
+@pytest.fixture(scope="module")
+def relief():
+    return line_relief(LINES, 32, SCENE.plate_size_m)
+
+
+def taken(relief, noise=0.005, **values):
+    """A capture on another bench, divided by its flat frame."""
+    numbers = BenchNumbers.of(SCENE)
+    model = BenchModel(numbers, SCENE.image_pixels, "cpu")
+    image = model.image(torch.tensor(relief, dtype=torch.float32), {**numbers.before, **values}).numpy()
+    image = image + noise * np.random.default_rng(0).standard_normal(image.shape)
+    return CausticImage(image.astype(np.float32), np.full(3, noise))
+
+
+@pytest.fixture
+def truthful(monkeypatch, saved, relief):
+    """``direct`` whose network knows the relief but for a little, whatever it sees; nothing is refined."""
+
+    def answers(self, image, log):
+        log.note("network", None, symmetries=1)
+        self.pictures = [*getattr(self, "pictures", []), image]
+        wrong = 2e-6 * np.random.default_rng(1).standard_normal(relief.shape)
+        return torch.tensor((relief + np.where(relief > 0, wrong, 0.0))[None], dtype=torch.float32), "converged"
+
+    monkeypatch.setattr(Direct, "_answers", answers)
+
+    def make(**options):
+        return create("direct", SCENE, weights=saved("direct", scene=SCENE), refine=False, **options)
+
+    return make
+
+
+def number(result, name):
+    return next(each for each in result.counters["bench"]["numbers"] if each["name"] == name)
+
+
+def test_a_bench_that_is_as_told_leaves_the_result_as_it_is(truthful, relief):
+    image = taken(relief)
+    known, estimated = (truthful(set_up=how).reconstruct(image) for how in ("known", "estimate"))
+    np.testing.assert_array_equal(known.heights_m, estimated.heights_m)
+    assert known.residual == estimated.residual
+    assert "bench" not in known.counters
+    assert not estimated.counters["bench"]["is_kept"]
+    assert {each["verdict"] for each in estimated.counters["bench"]["numbers"]} == {"as told", "not told by this image"}
+    assert estimated.warnings == known.warnings
+
+
+@pytest.mark.parametrize(
+    ("name", "true", "within"),
+    [("vergence_per_m", 2.5, 0.5), (AMBIENT, 0.1, 0.01), ("screen_x_m", 3e-4, 2e-5)],
+)
+def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, within):
+    image = taken(relief, **{name: true})
+    told = truthful().reconstruct(image)
+    result = truthful(set_up="estimate").reconstruct(image)
+    found = number(result, name)
+    assert found["verdict"] == "found"
+    assert found["found"] == pytest.approx(true, abs=within)
+    assert abs(found["found"] - true) < 3 * found["sigma"]
+    assert found["told"] == BenchNumbers.of(SCENE).before[name]
+    assert result.counters["bench"]["is_kept"]
+    assert result.residual < told.residual
+    assert any("another bench than was told" in line and name in line for line in result.warnings)
+    # The caustic that is shown has what the image has, stray light and all.
+    off = np.linalg.norm(result.image - image.irradiance) / np.linalg.norm(image.irradiance)
+    assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
+
+
+def test_gap_and_base_are_not_told(truthful, relief):
+    result = truthful(set_up="estimate", priors={"gap_m": 2e-4}).reconstruct(taken(relief))
+    gap = number(result, "gap_m")
+    assert (gap["verdict"], gap["sigma"], gap["seen"]) == ("not told by this image", 2e-4, None)
+    assert "heights" in gap["why"]
+
+
+def test_a_bench_that_explains_nothing_better_is_not_kept(truthful, relief, monkeypatch):
+    def searched(self, image, told, answer):
+        values = {**self._before, "vergence_per_m": 3.0}
+        return values, [], dict.fromkeys(values, 1e-4)
+
+    monkeypatch.setattr(BenchSearch, "_searched", searched)
+    image = taken(relief)
+    known, doubted = truthful().reconstruct(image), truthful(set_up="estimate").reconstruct(image)
+    np.testing.assert_array_equal(known.heights_m, doubted.heights_m)
+    assert number(doubted, "vergence_per_m")["verdict"] == "in doubt"
+    assert number(doubted, "vergence_per_m")["found"] == 0.0
+    assert any("in doubt" in line for line in doubted.warnings)
+
+
+def test_a_bench_that_no_network_serves_is_told_and_not_raised(truthful, relief, monkeypatch):
+    def refused(self, scene):
+        raise MismatchError("beyond the family")
+
+    monkeypatch.setattr(Direct, "on_bench", refused)
+    result = truthful(set_up="estimate").reconstruct(taken(relief, vergence_per_m=1.5))
+    assert "beyond the family" in result.counters["bench"]["why"]
+    assert not result.counters["bench"]["is_kept"]
+
+
+def test_stray_light_that_is_told_is_taken_off(truthful, relief):
+    image = taken(relief, ambient=0.1)
+    plain, cleared = truthful().reconstruct(image), truthful(ambient=0.1).reconstruct(image)
+    assert cleared.residual < 0.7 * plain.residual
+    found = number(truthful(ambient=0.1, set_up="estimate").reconstruct(image), AMBIENT)
+    assert (found["told"], found["verdict"]) == (0.1, "as told")
+
+
+def test_pictures_lie_where_the_networks_own_bench_shows_them(truthful, relief):
+    """A lamp nearby magnifies; the network of parallel light sees a picture that is not."""
+    method = truthful()
+    near = BenchNumbers.of(SCENE).scene_of({"vergence_per_m": 2.0})
+    other = method.on_bench(near)
+    assert other.scene == near and method.scene == SCENE
+    assert other.network.module is method.network.module
+    relief = 0.1 * relief  # smooth light
+    picture = torch.tensor(taken(relief, 0.0, vergence_per_m=2.0).irradiance)
+    own = torch.tensor(taken(relief, 0.0).irradiance)
+    inner = (slice(None), slice(8, -8), slice(8, -8))
+    plain = float((picture - own)[inner].norm() / own[inner].norm())
+    moved = other.bench.picture(picture * other.bench.light.level(other.bench.values)[0])
+    assert float((moved - own)[inner].norm() / own[inner].norm()) < 0.25 * plain
+
+
+def test_the_users_samples_come_back(saved, monkeypatch, relief):
+    few = SCENE.model_copy(update={"height_samples": 16})
+    method = create("direct", few, weights=saved("direct", scene=SCENE), refine=False, set_up="estimate")
+
+    def answers(self, image, log):
+        return torch.tensor(relief[None], dtype=torch.float32), "converged"
+
+    monkeypatch.setattr(Direct, "_answers", answers)
+    result = method.reconstruct(taken(relief, vergence_per_m=1.5))
+    assert result.counters["bench"]["is_kept"]
+    assert result.heights_m.shape == (16, 16)
+
+
+def test_less_is_less_by_a_share_of_what_noise_does_not_explain():
+    assert is_less(0.0113, 0.0114, 0.0110) and not is_less(0.1139, 0.1140, 0.0110)
+    assert not is_less(0.0114, 0.0114, 0.02)
+
+
+def test_options_are_checked():
+    with pytest.raises(ValueError, match="known"):
+        DirectOptions(set_up="guess")
+    with pytest.raises(ValueError, match="greater than or equal to 0"):
+        DirectOptions(priors={"gap_m": -1})
+
+
+def test_a_wrong_name_is_refused_at_once(saved):
+    with pytest.raises(InputError, match="'gup_m' is not known"):
+        create("direct", SCENE, weights=saved("direct", scene=SCENE), priors={"gup_m": 1e-3})
+
+
+def test_auto_leaves_the_bench_to_methods_that_look_for_it(saved, shipped, image, scene):
+    method = create("auto", scene, set_up="estimate", max_iterations=1)
+    result = method.reconstruct(CausticImage(np.ones_like(image.irradiance)))
+    assert result.method == "refine"
