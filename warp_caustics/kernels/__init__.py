@@ -2,8 +2,9 @@
 
 ``fused`` and ``fused_adjoint`` do surface, refraction and splat of a photon at
 once: by ``collimated`` for light from straight above, by ``general`` for other
-light. The separate stages serve tapes. Both meet in ``pixels``, the only place
-that knows how a footprint is spread over pixels.
+light. The separate stages serve tapes. Both meet in ``pixels``, which knows how
+a footprint is spread over pixels. ``rows`` does the same for lattices on a CPU,
+sixteen photons at a time, in snippets that repeat those formulas for vectors.
 
 Kernels know nothing of torch. Each file has a memoised factory, because Warp
 never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same
