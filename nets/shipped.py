@@ -64,6 +64,18 @@ class FoundNetwork:
         config = self.info.training.get("config")
         return dict(config) if isinstance(config, dict) else {}
 
+    @property
+    def pixels_of_one(self) -> float:
+        """The scene's pixels per side over the network's."""
+        return self.seen.working.image_pixels / self.info.scene.image_pixels
+
+    @property
+    def trained_shift_px(self) -> float | None:
+        """How far apart channels were in training [px of the scene]; None where the file does not tell."""
+        camera = self.training.get("camera")
+        shift = camera.get("shift_px") if isinstance(camera, dict) else None
+        return None if shift is None else float(shift) * self.pixels_of_one
+
 
 def few_steps(info: WeightsInfo) -> int | None:
     """Steps of a training if they are fewer than ``FEWEST_STEPS``; None otherwise, or if the file does not tell."""

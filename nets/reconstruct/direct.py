@@ -192,7 +192,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
-            known_px = _trained_shift_px(network), TRAINED_BLUR_PX * _pixels_of_one(network)
+            known_px = network.trained_shift_px, TRAINED_BLUR_PX * network.pixels_of_one
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
         history = log.history
         if self.options.refine and not interrupted:
@@ -238,15 +238,3 @@ class Direct(Reconstructor):
         if few is None:
             return ""
         return f"the network was trained for {few} steps only, and how far its answers lie apart tells nothing"
-
-
-def _trained_shift_px(network: FoundNetwork) -> float | None:
-    """How far apart channels were in training [px of the scene]; None where the weights do not tell."""
-    camera = network.training.get("camera")
-    shift = camera.get("shift_px") if isinstance(camera, dict) else None
-    return None if shift is None else float(shift) * _pixels_of_one(network)
-
-
-def _pixels_of_one(network: FoundNetwork) -> float:
-    """The scene's pixels per side over the network's."""
-    return network.seen.working.image_pixels / network.info.scene.image_pixels

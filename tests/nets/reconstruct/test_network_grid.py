@@ -251,13 +251,13 @@ def test_a_network_that_is_told_nothing_needs_its_own_bench(weights, scene):
 
 
 def test_bounds_of_a_family_are_in_the_users_lengths(told_weights, scene):
-    """A base of 4 mm on a plate of 30 mm is one of 6.7 mm on the network's, which knows 6 mm."""
+    """A base of 5 mm on a plate of 30 mm is one of 8.3 mm on the network's, which knows 7.5 mm."""
     small = with_(scene, plate_size_m=(0.03, 0.03))
     lamp = {"emission_half_angle_rad": 0.5, "light_position_m": (0.0, 0.0, 0.1)}
     for changes, message in (
         (
-            {"base_thickness_m": 4e-3},
-            r"base_thickness_m is 0.004 here, the nearest that is known is 0.0036 for a plate",
+            {"base_thickness_m": 5e-3},
+            r"base_thickness_m is 0.005 here, the nearest that is known is 0.0045 for a plate",
         ),
         ({"base_thickness_m": 5e-4}, r"base_thickness_m is 0.0005 here, the nearest that is known is 0.0009 for"),
         (lamp, r"lamp's distance is 0.097 m here, the nearest that is known is 0.15 m for a plate of 30 mm"),
@@ -266,7 +266,7 @@ def test_bounds_of_a_family_are_in_the_users_lengths(told_weights, scene):
             create("direct", with_(small, image_pixels=100, **changes), weights=told_weights)
         # To train for, the pixels of the network will do.
         assert "scene.image_pixels=64" in str(caught.value)
-    assert create("direct", small, weights=told_weights).bench is not None
+    assert create("direct", small, weights=told_weights).asked[0].bench is not None
 
 
 def test_noise_is_that_of_the_picture(weights, scene):
@@ -314,9 +314,9 @@ def test_warnings_count_the_users_pixels(scene, saved):
     assert "blurred by 3.0 px" in blurred.warnings(scene.wavelengths_m)[0]
     assert blurred.warnings(scene.wavelengths_m, None, 4.0) == []
     path = saved("direct", training={"config": {"camera": {"shift_px": 0.6}}})
-    assert create("direct", scene, weights=path)._trained_shift_px == pytest.approx(0.6)
-    finer = create("direct", with_(scene, image_pixels=128), weights=path)
-    assert finer._trained_shift_px == pytest.approx(1.2) and finer._pixels_of_one == 2
+    assert create("direct", scene, weights=path).network.trained_shift_px == pytest.approx(0.6)
+    finer = create("direct", with_(scene, image_pixels=128), weights=path).network
+    assert finer.trained_shift_px == pytest.approx(1.2) and finer.pixels_of_one == 2
 
 
 def test_the_command_trains_on_the_networks_grid(told_weights):
