@@ -212,7 +212,7 @@ def test_another_scene_is_refused_with_the_command(saved, image):
 
 
 def test_a_scene_that_hardly_differs_is_used_with_a_warning(saved, image):
-    other = Scene(height_samples=16, image_pixels=64, index_offset=4e-4)
+    other = Scene(height_samples=16, image_pixels=64, base_thickness_m=3.05e-3)
     result = create("direct", other, weights=saved("direct"), refine=False).reconstruct(image)
     assert any("used because images of both differ by 0." in warning for warning in result.warnings)
 
