@@ -116,7 +116,8 @@ def bench_step(
     step = torch.linalg.solve(information, pull)
     step = step * min(1.0, LARGEST / max(float(step[:count].abs().max()), 1e-300))
     spread = _spread(information, weighted * residual)[:count] * priors
-    least = systematic(numbers.scene_of(values), measurement.irradiance.shape[-1])
+    # Of the told bench: near no dispersion a step of it would move nothing, however large.
+    least = systematic(numbers.scene, measurement.irradiance.shape[-1])
     deviations = {name: math.hypot(s, least[name]) for name, s in zip(numbers.names, spread.tolist(), strict=True)}
     start = float(rho.sum())
     for share in SHARES:

@@ -1,5 +1,7 @@
 """Plate and bench together, with a network that answers what is true."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -89,6 +91,27 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     # The caustic that is shown has what the image has, stray light and all.
     off = np.linalg.norm(result.image - image.irradiance) / np.linalg.norm(image.irradiance)
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
+
+
+@pytest.mark.parametrize("is_better", [True, False])
+def test_of_two_networks_the_one_that_leaves_less_of_the_image_is_taken(truthful, relief, monkeypatch, is_better):
+    """A network that is made for the bench that was found, with heights that are worse or better than the own one's."""
+
+    def made_for(self, scene):
+        other = self.on_bench(scene)
+        found = other.found
+
+        def changed(*arguments):
+            result = found(*arguments)
+            return dataclasses.replace(result, method="special", residual=result.residual * (0.9 if is_better else 1.1))
+
+        other.found = changed
+        return other
+
+    monkeypatch.setattr(Direct, "made_for", made_for)
+    result = truthful(set_up="estimate").reconstruct(taken(relief, vergence_per_m=2.5))
+    assert result.counters["bench"]["is_kept"]
+    assert result.method == ("special" if is_better else "direct")
 
 
 def test_gap_and_base_are_not_told(truthful, relief):
