@@ -65,13 +65,6 @@ class BenchMethod(Protocol):
             CausticsError: it serves none such.
         """
 
-    def made_for(self, scene: Scene) -> "BenchMethod | None":
-        """One with the network that would be taken if this scene were told; None if that is the own.
-
-        Raises:
-            CausticsError: there is none.
-        """
-
     def answer(self, image: CausticImage) -> FloatArray:
         """Heights of the network before they are refined [m], shape [n, n]."""
 
@@ -116,7 +109,7 @@ class BenchSearch:
         kept, is_kept = told, False
         if any(found[name] != self._before[name] for name in found):
             try:
-                other = self._refound(image, found, told, progress)
+                other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, progress)
             except CausticsError as error:
                 why = f"no heights can be found on that bench: {error}"
             else:
@@ -142,24 +135,6 @@ class BenchSearch:
         scene = self.method.scene
         ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
         return self._as_on(image, self._before, ratio)
-
-    def _refound(
-        self, image: CausticImage, values: Mapping[str, float], told: Reconstruction, progress: ProgressCallback | None
-    ) -> Reconstruction:
-        """Heights on a bench, refined: by the own network, or by one that is made for such benches if it leaves less.
-
-        The own one reads colours as on its own bench, and far lamps; another may have seen what is near or has none.
-        """
-        seen = self._as_on(image, values, _exposure(told))
-        own = self._on(values).found(seen, None, progress)
-        try:
-            special = self.method.made_for(self._user_scene(values))
-        except CausticsError:
-            return own
-        if special is None:
-            return own
-        other = special.found(seen, None, progress)
-        return other if self._left(image, other, values) < self._left(image, own, values) else own
 
     @property
     def _before(self) -> dict[str, float]:

@@ -108,17 +108,6 @@ class Direct(Reconstructor):
         other._ask(networks)
         return other
 
-    def made_for(self, scene: Scene) -> "Direct | None":
-        """One with the network that would be taken if this scene were told; None if that is the own.
-
-        Raises:
-            MismatchError: none serves it.
-        """
-        if self.options.weights is not None or scene == self.network.seen.user:
-            return None
-        other = Direct(scene, self.options.model_copy(update={"priors": {}}), self.device)
-        return None if other.network.file == self.network.file else other
-
     def reconstruct(
         self,
         image: CausticImage,

@@ -1,7 +1,5 @@
 """Plate and bench together, with a network that answers what is true."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -9,6 +7,7 @@ import torch
 from nets.reconstruct.bench_search import BenchSearch, is_less
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.methods import create
+from nets.reconstruct.network_answers import NetworkAnswers
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
@@ -43,13 +42,11 @@ def taken(relief, noise=0.005, **values):
 def truthful(monkeypatch, saved, relief):
     """``direct`` whose network knows the relief but for a little, whatever it sees; nothing is refined."""
 
-    def answers(self, image, log):
-        log.note("network", None, symmetries=1)
-        self.pictures = [*getattr(self, "pictures", []), image]
+    def answers(self, image):
         wrong = 2e-6 * np.random.default_rng(1).standard_normal(relief.shape)
-        return torch.tensor((relief + np.where(relief > 0, wrong, 0.0))[None], dtype=torch.float32), "converged"
+        yield torch.tensor((relief + np.where(relief > 0, wrong, 0.0))[None], dtype=torch.float32)
 
-    monkeypatch.setattr(Direct, "_answers", answers)
+    monkeypatch.setattr(NetworkAnswers, "__call__", answers)
 
     def make(**options):
         return create("direct", SCENE, weights=saved("direct", scene=SCENE), refine=False, **options)
@@ -93,25 +90,21 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
 
 
-@pytest.mark.parametrize("is_better", [True, False])
-def test_of_two_networks_the_one_that_leaves_less_of_the_image_is_taken(truthful, relief, monkeypatch, is_better):
-    """A network that is made for the bench that was found, with heights that are worse or better than the own one's."""
-
-    def made_for(self, scene):
-        other = self.on_bench(scene)
-        found = other.found
-
-        def changed(*arguments):
-            result = found(*arguments)
-            return dataclasses.replace(result, method="special", residual=result.residual * (0.9 if is_better else 1.1))
-
-        other.found = changed
-        return other
-
-    monkeypatch.setattr(Direct, "made_for", made_for)
-    result = truthful(set_up="estimate").reconstruct(taken(relief, vergence_per_m=2.5))
-    assert result.counters["bench"]["is_kept"]
-    assert result.method == ("special" if is_better else "direct")
+def test_on_another_bench_both_networks_are_asked():
+    """One sees the picture as its own bench would have shown it, the other is told of the bench, within its family."""
+    method = create("direct", Scene())
+    own, told = method.asked
+    near = method.on_bench(method.numbers.scene_of({"vergence_per_m": 2.0}))
+    assert [each.network.file for each in near.asked] == [own.network.file, told.network.file]
+    assert own.bench is None and not near.asked[0].is_told and near.asked[0].bench.is_near
+    symmetries = told.symmetries
+    before, after = (each.bench.told(None, symmetries)[0] for each in (told, near.asked[1]))
+    changed = [told.bench.table.names[k] for k in range(11) if before[k] != after[k]]
+    assert changed == ["divergence_1_m"]
+    beyond = method.on_bench(method.scene.model_copy(update={"base_thickness_m": 9e-3}))
+    assert [each.network.file for each in beyond.asked] == [own.network.file]
+    with pytest.raises(MismatchError, match="base_thickness_m"):
+        create("direct", Scene(base_thickness_m=4e-3)).on_bench(Scene(base_thickness_m=9e-3))
 
 
 def test_gap_and_base_are_not_told(truthful, relief):
@@ -165,7 +158,8 @@ def test_pictures_lie_where_the_networks_own_bench_shows_them(truthful, relief):
     own = torch.tensor(taken(relief, 0.0).irradiance)
     inner = (slice(None), slice(8, -8), slice(8, -8))
     plain = float((picture - own)[inner].norm() / own[inner].norm())
-    moved = other.bench.picture(picture * other.bench.light.level(other.bench.values)[0])
+    bench = other.asked[0].bench
+    moved = bench.picture(picture * bench.light.level(bench.values)[0])
     assert float((moved - own)[inner].norm() / own[inner].norm()) < 0.25 * plain
 
 
@@ -173,10 +167,10 @@ def test_the_users_samples_come_back(saved, monkeypatch, relief):
     few = SCENE.model_copy(update={"height_samples": 16})
     method = create("direct", few, weights=saved("direct", scene=SCENE), refine=False, set_up="estimate")
 
-    def answers(self, image, log):
-        return torch.tensor(relief[None], dtype=torch.float32), "converged"
+    def answers(self, image):
+        yield torch.tensor(relief[None], dtype=torch.float32)
 
-    monkeypatch.setattr(Direct, "_answers", answers)
+    monkeypatch.setattr(NetworkAnswers, "__call__", answers)
     result = method.reconstruct(taken(relief, vergence_per_m=1.5))
     assert result.counters["bench"]["is_kept"]
     assert result.heights_m.shape == (16, 16)
