@@ -23,7 +23,8 @@ DIRECT = {"direct": "035b3b3b"}
 NSFC = {"denoiser": "d32ff12e", "updater": "5365d754"}
 ABLATIONS = {**NSFC, "updater-no-denoiser": "83330354", "updater-no-gradient": "e6ed5cbc"}
 OLD = {"direct": EARLIER}
-FAMILY = {"direct-family": "ef3547e3"}
+FAMILY = {"direct-family": "c1e3c262"}
+OLD_FAMILY = {"direct-family": EARLIER}
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ PLACES = (
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
-    Place("docs/any_image.md", "## What it costs", {**DIRECT, **FAMILY}, "python -m benchmarks.any_image --force"),
+    Place("docs/any_image.md", "## What it costs", {**DIRECT, **OLD_FAMILY}, "python -m benchmarks.any_image --force"),
+    Place("docs/found_bench.md", "## Measured", {**DIRECT, **OLD_FAMILY}, "python -m benchmarks.found_bench"),
+    Place("docs/lab.md", "## What the walk takes", DIRECT, "make demo"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),
     Place("docs/compare.md", "## Images of another renderer", OLD, "the command on the page"),
     Place("docs/bench.md", "## Figures", {**DIRECT, **FAMILY}, "make bench-lab"),
