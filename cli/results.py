@@ -34,9 +34,6 @@ FILES = (
 UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 """What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
-NOT_TOLD = "not told by this image"
-"""Verdict on a number of the bench."""
-
 FIBRE_FILES = ("printed_lines.csv",)
 """What it holds besides where the method found the lines that were printed."""
 
@@ -150,19 +147,26 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
     return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
 
 
-def bench_lines(result: "Reconstruction") -> list[str]:
+def found_bench_lines(result: "Reconstruction") -> list[str]:
     """What the image told of its bench, a line for each number; none where it was not looked for."""
+    from warp_caustics.found_bench.bench_record import NOT_TOLD
+
     found = result.counters.get("bench")
     if not found:
         return []
     untold = [number["name"] for number in found["numbers"] if number["verdict"] == NOT_TOLD]
-    lines = [
-        f"bench      {number['name']} {number['found']:.4g} +- {number['sigma']:.2g} {number['unit']}, "
-        + ("as told" if number["verdict"] != "found" else f"told {number['told']:.4g}")
-        for number in found["numbers"]
-        if number["verdict"] != NOT_TOLD
-    ]
-    return [*lines, *([f"bench      not told by this image: {', '.join(untold)}"] if untold else [])]
+    lines = [_number_line(number) for number in found["numbers"] if number["verdict"] != NOT_TOLD]
+    return [*lines, *([f"bench      {NOT_TOLD}: {', '.join(untold)}"] if untold else [])]
+
+
+def _number_line(number: Mapping[str, Any]) -> str:
+    """What is used, and what the image says where that is another value."""
+    unit = "" if number["unit"] == "1" else f" {number['unit']}"
+    verdict = {
+        "found": f"told {number['told']:.4g}",
+        "in doubt": f"as told, in doubt: the image looks as of {number['seen'] or 0:.4g}",
+    }.get(number["verdict"], number["verdict"])
+    return f"bench      {number['name']} {number['found']:.4g} +- {number['sigma']:.2g}{unit}, {verdict}"
 
 
 def _at_all(result: "Reconstruction") -> str:
@@ -185,7 +189,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         f"residual   {result.residual:.4g} of the image{_at_all(result)}",
         f"heights    {low:.4g} to {high:.4g} mm",
     ]
-    lines += bench_lines(result)
+    lines += found_bench_lines(result)
     if result.fibres_m is not None:
         lines.append(f"lines      {len(result.fibres_m)} printed lines, in {FIBRE_FILES[0]}")
     errors = record["errors"]

@@ -62,7 +62,7 @@ class NetworkAnswers:
         """
         trained = self.network.info.scene
         seen = seen_scene(scene, trained)
-        if self.is_told:
+        if self.network.is_told:  # of a file that tells no family, none is known to end
             check_family(seen, trained, self.network.info.training["family"], self.network.file, "direct")
         other = copy.copy(self)
         other.network = dataclasses.replace(self.network, seen=seen)

@@ -7,7 +7,7 @@ from cli.bench_told import told_options
 from cli.config import Config, ReconstructionConfig
 from cli.main import main
 from cli.report.tables import bench_rows
-from cli.results import bench_lines
+from cli.results import found_bench_lines
 from warp_caustics.calibration.bench_file import Bench, BenchParameter, scene_tree, write_bench
 from warp_caustics.camera.config import CameraConfig
 from warp_caustics.errors import InputError
@@ -92,11 +92,20 @@ def record():
 def test_the_terminal_says_what_was_found_and_what_is_not_told():
     image = torch.ones(3, 64, 64).numpy()
     result = Reconstruction("direct", image[0], image, 0.1, "converged", counters={"bench": record()})
-    lines = bench_lines(result)
+    lines = found_bench_lines(result)
     assert lines[0] == "bench      vergence_per_m 1.01 +- 0.05 1/m, told 0"
     assert lines[1].startswith("bench      ambient 0 +- 0.004") and lines[1].endswith("as told")
     assert lines[2] == "bench      not told by this image: gap_m"
-    assert bench_lines(Reconstruction("direct", image[0], image, 0.1, "converged")) == []
+    assert found_bench_lines(Reconstruction("direct", image[0], image, 0.1, "converged")) == []
+
+
+def test_a_number_in_doubt_is_not_called_as_told():
+    by_name = {p.name: p for p in BenchNumbers.of(SCENE).parameters}
+    doubted = FoundNumber.of(by_name["vergence_per_m"], 0.0, 1.01, 0.05, is_used=False)
+    counters = {"bench": FoundBench((doubted,), False, "why", 2).record}
+    image = torch.ones(3, 64, 64).numpy()
+    (line,) = found_bench_lines(Reconstruction("direct", image[0], image, 0.1, "converged", counters=counters))
+    assert line == "bench      vergence_per_m 0 +- 0.05 1/m, as told, in doubt: the image looks as of 1.01"
 
 
 def test_the_report_has_a_row_for_each_number():
