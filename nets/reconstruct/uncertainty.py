@@ -41,7 +41,8 @@ whole, so that of the weights before stays."""
 FAMILY_CALIBRATION = Calibration(scale=1.5, within_one=0.73, within_two=0.84, fields=10, seed=51, floor_m=1.5e-6)
 """Of the shipped network that is told of its bench, with the refinement of a CPU, on benches of its family that are
 told nearly (``benchmarks.family --told nearly``, with that as its ``SEED``). Where there is relief, 68 and 89 % of the
-points lie within one and two, on the same plates that gave the factor; bare plate is covered but for bows, of up to 30 um there, which no image tells."""
+points lie within one and two, on the same plates that gave the factor; bare plate is covered but for bows, of up to
+30 um there, which no image tells."""
 
 
 def uncertainty(
