@@ -80,8 +80,10 @@ def parse_architecture(record: Any) -> Architecture:
 
 
 def architecture_record(architecture: Architecture) -> dict[str, Any]:
-    """JSON values of an architecture; without ``conditions`` where there are none, as older programs know it."""
+    """JSON values of an architecture; without ``conditions`` or ``feedback`` where off, as older programs know it."""
     tree = architecture.model_dump(mode="json")
+    if not tree.get("feedback", True):
+        del tree["feedback"]
     if not tree.get("backbone", {}).get("conditions", 1):
         del tree["backbone"]["conditions"]
     return tree

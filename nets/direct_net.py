@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from nets.backbone import Backbone, Head
+from nets.backbone import Backbone, Head, zeroed
 from nets.encoding import clipped_image, flat_irradiance, full_precision, log_image
 from nets.input_shapes import check_image
 from nets.padding import resolution_ratio
@@ -27,6 +27,10 @@ class DirectNet(nn.Module):
     image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
     n_w wavelengths each. A fresh network answers with a flat plate. With ``backbone.conditions`` it is told of its
     bench besides (:mod:`nets.told`), and sees pictures that :mod:`nets.flat_light` has moved and levelled.
+
+    With ``feedback`` it is also given an answer and the image that this would make, its *echo*, encoded as the image
+    is: what differs between both is where the answer is wrong. A flat plate and its even light are all zeros, so that a
+    first look is one at a flat answer. It mixes the given answer into its own, sample by sample.
 
     Args:
         config: architecture.
@@ -51,25 +55,53 @@ class DirectNet(nn.Module):
         width = config.backbone.widths[0]
         self.register_buffer("flat", flat_irradiance(scene), persistent=False)
         self.stem = nn.Conv2d(2 * scene.n_wavelengths * self.ratio**2, width, 3, padding=1)
-        self.backbone = Backbone(config.backbone)
+        self.backbone, has = Backbone(config.backbone), config.feedback
         self.head = Head(width, 1)
+        # Last, so that the weights of all others are drawn as without it.
+        self.look = zeroed(nn.Conv2d(self.stem.in_channels + 1, width, 3, padding=1, bias=False)) if has else None
+        self.keep = Head(width, 1) if has else None
 
     @property
     def is_told(self) -> bool:
         """Whether it is told of its bench."""
         return self.config.backbone.conditions > 0
 
-    def forward(self, image: torch.Tensor, told: torch.Tensor | None = None) -> torch.Tensor:
+    @property
+    def has_feedback(self) -> bool:
+        """Whether it takes an answer and its echo."""
+        return self.look is not None
+
+    def forward(
+        self,
+        image: torch.Tensor,
+        told: torch.Tensor | None = None,
+        answer: torch.Tensor | None = None,
+        echo: torch.Tensor | None = None,
+    ) -> torch.Tensor:
         """Estimate heights.
 
         Args:
             image: irradiance, shape [B, n_w, m, m] [W/m^2].
             told: of the bench, shape [B, 2 P], see :func:`nets.told.dropped`; None: nothing is known.
+            answer: an earlier relief, shape [B, n, n] [m]; None: a flat plate. Only with ``feedback``.
+            echo: the image that it would make, shape of ``image``; given together.
 
         Returns:
             Relief, shape [B, n, n] [m].
         """
         check_image(image, self.scene, "image")
+        x, unit = self.stem(self._encoded(image)), self.config.encoding.height_unit_m
+        if answer is not None and echo is not None and self.look is not None:
+            x = x + self.look(torch.cat((self._encoded(echo), answer.float()[:, None] / unit), dim=1))
+        x = self.backbone(x, told)
+        heights: torch.Tensor = self.head(x)[:, 0] * unit
+        if self.keep is not None:
+            given = torch.zeros_like(heights) if answer is None else answer.float()
+            heights = heights + self.keep(x)[:, 0] * (given - heights)
+        return heights
+
+    def _encoded(self, image: torch.Tensor) -> torch.Tensor:
+        """An image at the resolution of the height map, shape [B, 2 n_w (m/n)^2, n, n]."""
         encoding = self.config.encoding
         with full_precision(image):
             relative = image.float() / self.flat
@@ -77,6 +109,4 @@ class DirectNet(nn.Module):
                 log_image(relative, encoding.log_floor),
                 clipped_image(relative, encoding.irradiance_clip),
             )
-            x = functional.pixel_unshuffle(torch.cat(encoded, dim=1), self.ratio)
-        heights: torch.Tensor = self.head(self.backbone(self.stem(x), told))[:, 0] * encoding.height_unit_m
-        return heights
+            return functional.pixel_unshuffle(torch.cat(encoded, dim=1), self.ratio)

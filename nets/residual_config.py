@@ -59,6 +59,18 @@ class DirectConfig(Strict):
     kind: Literal["direct"] = "direct"
     backbone: BackboneConfig
     encoding: EncodingConfig = EncodingConfig()
+    feedback: bool = False
+    """Whether it is also given an earlier answer of its own and the image that this would make; only with
+    ``backbone.conditions``."""
+
+    @model_validator(mode="after")
+    def _told(self) -> "DirectConfig":
+        if self.feedback and not self.backbone.conditions:
+            raise ValueError(
+                "feedback is for a network that is told of its bench; set backbone.conditions, as configs/family.yaml "
+                "does, or feedback to false"
+            )
+        return self
 
 
 class UnrolledConfig(Strict):

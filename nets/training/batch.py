@@ -11,7 +11,8 @@ direct     image: [B, n_w, m, m]; heights: [B, n, n] [m]
 unrolled   image, heights, start
 told       as direct, and bench: [B, P - 2], parameters of each sample's bench;
            in validation default_image besides, of the same plates on the
-           run's scene
+           run's scene; with feedback what
+           :class:`nets.training.seeing.Given` lists
 =========  ====================================================================
 
 ``told`` is ``direct`` with ``training.bench``.

@@ -5,6 +5,7 @@ the same bench, times L_i. So the falloff of a lamp nearby is not in it, whether
 a reconstruction divides by that of the scene it is told (:meth:`nets.flat_light.FlatLight.level`).
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -13,7 +14,8 @@ from nets.flat_light import FlatLight
 from nets.told import ToldTable
 from nets.training.batch import Batch, Told, silent
 from nets.training.bench_stream import BenchStream, OnBenches
-from nets.training.config import LATTICE, RunConfig
+from nets.training.config import LATTICE, RunConfig, network_feedback
+from nets.training.feedback import Feedback, ToldAhead
 from nets.training.imaging import BenchImager, Imager, VariedBenchImager
 from nets.training.keys import batch_ids, fresh_dataset
 
@@ -34,7 +36,11 @@ class BenchSource:
         self.steps_per_epoch = training.steps_per_epoch * training.accumulate
         self.flat = FlatLight(ToldTable(config.scene, device))
         self.imager = VariedBenchImager(config.scene, training.photons, training.seed, device)
-        self.stream = BenchStream(fresh_dataset(config, is_validation=False), device, training.scene_share)
+        dataset, has_feedback = fresh_dataset(config, is_validation=False), network_feedback(config)
+        self.feedback = Feedback(config, device, rank) if has_feedback else None
+        self.stream = BenchStream(dataset, device, training.scene_share, ToldAhead(config) if has_feedback else None)
+        self.network: Callable[..., Any] | None = None
+        """Answers, where the run's network has feedback; None leaves its answers flat."""
 
     def ids(self, step: int) -> range:
         """Sample numbers of a batch."""
@@ -42,7 +48,10 @@ class BenchSource:
 
     def batch(self, step: int) -> Batch:
         plates = self.stream(self.ids(step), [self.ids(step + k) for k in range(1, AHEAD + 1)])
-        return self._batch(plates, self.imager(plates.heights, plates.scenes, step, self.rank))
+        batch = self._batch(plates, self.imager(plates.heights, plates.scenes, step, self.rank))
+        if self.feedback is not None and plates.told is not None:
+            batch |= self.feedback(batch, plates.told, step, self.network)
+        return batch
 
     def _batch(self, plates: OnBenches, light: torch.Tensor) -> Batch:
         return {"image": light / self.flat.level(plates.values), "heights": plates.heights, "bench": plates.values}

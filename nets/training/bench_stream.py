@@ -1,6 +1,6 @@
 """Plates and benches of fresh samples: drawn on the host while the device works, printed on the device."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from data_gen.patterns import padded
 from data_gen.samples import Reliefs
 from nets.told import bench_values
 from nets.training.drawn_ahead import DrawnAhead, sendable
+from nets.training.feedback import ToldPlates
 from warp_caustics.scene import Scene
 
 
@@ -34,6 +35,7 @@ class Drawn(NamedTuple):
     scenes: list[Scene]
     values: torch.Tensor
     """Parameters of the benches, shape [B, P - 2], see :mod:`nets.told`."""
+    told: ToldPlates | None = None
 
 
 class OnBenches(NamedTuple):
@@ -44,6 +46,8 @@ class OnBenches(NamedTuple):
     scenes: list[Scene]
     values: torch.Tensor
     """Parameters of the benches, shape [B, P - 2], on the device."""
+    told: ToldPlates | None = None
+    """What is told of them, on the host; None where nobody asked for it."""
 
 
 class BenchStream:
@@ -53,10 +57,17 @@ class BenchStream:
         dataset: of captures; gives prints, ranges, scene and keys.
         device: where heights are wanted.
         scene_share: of the samples are on the data set's scene itself.
+        tell: draws what is told of benches by sample numbers and parameters; None draws nothing.
     """
 
-    def __init__(self, dataset: DatasetConfig, device: torch.device, scene_share: float = 0.0):
-        self.dataset, self.device, self.scene_share = dataset, device, scene_share
+    def __init__(
+        self,
+        dataset: DatasetConfig,
+        device: torch.device,
+        scene_share: float = 0.0,
+        tell: Callable[[range, torch.Tensor], ToldPlates] | None = None,
+    ):
+        self.dataset, self.device, self.scene_share, self.tell = dataset, device, scene_share, tell
         self.fingerprint = dataset.sample_fingerprint()
         self.kinds = PrintKinds(dataset, self.fingerprint)
         self.reliefs = [Reliefs(kind, device, self.fingerprint) for kind in self.kinds.datasets]
@@ -75,7 +86,7 @@ class BenchStream:
         for part in drawn.prints:
             printed = self.reliefs[part.kind].printed(part.strokes, part.traits)
             heights[part.rows.to(self.device, non_blocking=True)] = printed
-        return OnBenches(heights, drawn.scenes, drawn.values.to(self.device, non_blocking=True))
+        return OnBenches(heights, drawn.scenes, drawn.values.to(self.device, non_blocking=True), drawn.told)
 
     def close(self) -> None:
         """End the thread."""
@@ -96,4 +107,7 @@ class BenchStream:
         on_scene = [sample_generator(self.fingerprint, "on the scene", k).random() < self.scene_share for k in ids]
         scenes = [self.dataset.scene if is_on else scene for is_on, scene in zip(on_scene, scenes, strict=True)]
         values = torch.tensor([bench_values(scene) for scene in scenes], dtype=torch.float32)
-        return Drawn(prints, scenes, sendable(values, self.device))
+        told = None if self.tell is None else self.tell(ids, values)
+        if told is not None:
+            told = ToldPlates(told.scenes, *(sendable(part, self.device) for part in told[1:]))
+        return Drawn(prints, scenes, sendable(values, self.device), told)

@@ -10,6 +10,7 @@ from data_gen.dataset_config import PAPER_CLEAN, PAPER_NOISY, PhotonConfig
 from data_gen.variety import PrintVariety
 from nets.architecture import PRESETS, Architecture
 from nets.told import told_count
+from nets.training.feedback_config import FeedbackConfig
 from nets.training.picture_config import PictureConfig
 from nets.training.told_config import ToldConfig
 from nets.unrolling_config import PhotonVariant, Share, UnrollingConfig
@@ -180,6 +181,8 @@ class TrainingConfig(Strict):
     """Benches of fresh ``direct`` samples, each its own; None: all on the scene. Their cameras are ``camera``'s."""
     scene_share: Share = 0.0
     """Of such samples are on the scene itself; of those that judge a network, none."""
+    feedback: FeedbackConfig = FeedbackConfig()
+    """How often a network with ``network.feedback`` is given an earlier answer of its own."""
     told: ToldConfig = ToldConfig()
     """What a network with ``network.backbone.conditions`` is told of its benches."""
     pictures: PictureConfig = PictureConfig()
@@ -290,6 +293,11 @@ class RunConfig(Strict):
                 "training.pictures has shares with fewer wavelengths than the scene's only one; set "
                 "one_wavelength_share and two_wavelengths_share to 0"
             )
+
+
+def network_feedback(config: RunConfig) -> bool:
+    """Whether a run's network is given earlier answers of its own."""
+    return config.network.kind == "direct" and config.network.feedback
 
 
 PRESETS_OF_KIND: dict[str, tuple[str, ...]] = {

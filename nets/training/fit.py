@@ -17,6 +17,7 @@ import torch
 
 from nets.architecture import build
 from nets.training.batch import Batch, Source
+from nets.training.bench_source import BenchSource
 from nets.training.checkpoint import has_checkpoint, newest_checkpoint, remove_unfinished, save_best, save_checkpoint
 from nets.training.config import RunConfig
 from nets.training.devices import Stopwatch, autocast
@@ -123,8 +124,9 @@ class _Loop:
         self.source = source or make_source(self.config, device, int(self.fabric.global_rank), self.world)
         self.watch = Stopwatch(device)
         self.task = make_task(self.config, device, int(self.fabric.global_rank), self.watch)
-        if isinstance(self.source, ReplaySource):
+        if isinstance(self.source, ReplaySource | BenchSource):
             self.source.network = self._average_model
+        if isinstance(self.source, ReplaySource):
             taken = check_pool(self.source)
             if self.is_first:
                 self.observer.note(taken)

@@ -17,7 +17,8 @@ COLUMNS = (
     "step", "epoch", "elapsed_s", "learning_rate", "loss", "samples_per_s", "simulator_share",
     "val_loss", "val_rmse_um", "val_median_rmse_um", "val_perfect_rmse_um", "val_start_rmse_um", "val_first_rmse_um",
     "val_iterated_rmse_um", "val_unknown_rmse_um", "val_default_rmse_um", "val_one_wavelength_rmse_um",
-    "val_coarse_rmse_um", "val_psnr_db", "val_noisy_psnr_db", "is_best",
+    "val_coarse_rmse_um", "val_second_rmse_um", "val_default_second_rmse_um",
+    "val_psnr_db", "val_noisy_psnr_db", "is_best",
 )  # fmt: skip
 """Of metrics.csv: training figures now and then, validation figures at the end of an epoch; others stay empty."""
 

@@ -12,7 +12,7 @@ import torch
 from nets.told import CAMERA, told_count
 from nets.training.batch import HEIGHT_MAPS, IMAGES, Batch, Source, Told, silent
 from nets.training.bench_source import BenchSource
-from nets.training.config import RunConfig
+from nets.training.config import RunConfig, network_feedback
 from nets.training.files import FileSource
 from nets.training.fresh import FreshSource
 from nets.training.keys import step_generator
@@ -36,7 +36,8 @@ class ReplaySource:
 
     Round r brings fresh batch r; step k draws after round k + P - 1, where the
     first P rounds fill the pool before training. Images are kept as float16.
-    On resume the pool is simulated again, sample by sample the same
+    On resume the pool is simulated again, sample by sample the same; only answers of the network in it are then those
+    of the network as it is now.
 
     Args:
         fresh: makes the samples.
@@ -52,8 +53,7 @@ class ReplaySource:
         self.steps_per_epoch = fresh.steps_per_epoch
         self.pool: Batch = {}
         self.rounds = 0
-        self.network: Callable[..., Any] | None = None
-        """Continues samples where ``own_share`` asks for it; None leaves it out."""
+        self._network: Callable[..., Any] | None = None
         if self.slots * fresh.size < batch_size:
             raise InputError(
                 f"training.replay.size {replay.size} is smaller than a batch of {batch_size}; raise it to "
@@ -61,13 +61,25 @@ class ReplaySource:
             )
 
     @property
+    def network(self) -> Callable[..., Any] | None:
+        """Continues samples where ``own_share`` asks for it, and answers where it has feedback; None leaves both."""
+        return self._network
+
+    @network.setter
+    def network(self, network: Callable[..., Any] | None) -> None:
+        self._network = network
+        if isinstance(self.fresh, BenchSource):
+            self.fresh.network = network
+
+    @property
     def bytes_needed(self) -> int:
         """Memory of the full pool."""
         scene, kind = self.fresh.config.scene, self.fresh.config.kind
-        per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2 * len(IMAGES[kind])
-        per_sample += 4 * scene.height_samples**2 * HEIGHT_MAPS[kind]
+        has_feedback, told = network_feedback(self.fresh.config), told_count(scene.n_wavelengths) - len(CAMERA)
+        per_sample = 2 * scene.n_wavelengths * scene.image_pixels**2 * (len(IMAGES[kind]) + has_feedback)
+        per_sample += 4 * scene.height_samples**2 * (HEIGHT_MAPS[kind] + has_feedback)
         if self.fresh.config.training.bench is not None:
-            per_sample += 4 * (told_count(scene.n_wavelengths) - len(CAMERA))
+            per_sample += 4 * (told + has_feedback * (2 * told + 1))
         return self.slots * self.fresh.size * per_sample
 
     def batch(self, step: int) -> Batch:
@@ -99,7 +111,7 @@ class ReplaySource:
             batch = self._continued(self.rounds) or self.fresh.batch(self.rounds)
             for name, values in batch.items():
                 if name not in self.pool:
-                    dtype = torch.float16 if name in IMAGES[self.fresh.config.kind] else torch.float32
+                    dtype = torch.float16 if name in (*IMAGES[self.fresh.config.kind], "echo") else torch.float32
                     shape = (self.slots * self.fresh.size, *values.shape[1:])
                     self.pool[name] = torch.empty(shape, dtype=dtype, device=values.device)
                 # The brightest focal lines are cut, where float16 would be infinite.

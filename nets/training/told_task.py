@@ -1,66 +1,63 @@
 """Image and what is told of its bench to heights."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
 
 import torch
 
-from nets.flat_light import FlatLight
 from nets.symmetries import draw_symmetries, transformed
-from nets.told import ToldTable, dropped, filled, turned
+from nets.told import dropped, turned
+from nets.told_scene import told_scene
 from nets.training.batch import Batch
-from nets.training.camera import draw_cameras, noisy, seen
-from nets.training.config import RunConfig
+from nets.training.camera import noisy
+from nets.training.config import RunConfig, network_feedback
+from nets.training.feedback import Echoes
 from nets.training.keys import step_generator
 from nets.training.losses import relief_loss, relief_rmse_um
-from nets.training.pictures import PictureMaker, Pictures
+from nets.training.seeing import Given, Seen, Viewer
 from nets.training.task import Common, Model, Sample, relief_measures
-from nets.training.telling import Teller, Telling, with_camera
+from nets.training.telling import with_camera
 
-
-class Seen(NamedTuple):
-    """What a network is given of a batch."""
-
-    image: torch.Tensor
-    told: torch.Tensor
-    scale: torch.Tensor
-    """Of its answers, see :meth:`nets.flat_light.FlatLight.height_scale`; shape [B, 1, 1]."""
-
-    def answered(self, model: Model) -> torch.Tensor:
-        """Heights [m], shape [B, n, n]."""
-        heights: torch.Tensor = model(self.image, self.told) * self.scale
-        return heights
+BENCHES = ("bench", "told", "known")
+"""Entries of a batch that turn as benches do."""
 
 
 class ToldTask(Common):
     """``direct`` on benches that differ.
 
-    The picture is moved and the answer scaled by what is told (:mod:`nets.flat_light`), errors and all, as a
-    reconstruction does; where light, base, gap or glass are unknown, by what the run's scene says of them.
+    Each sees its image through a camera of its own and is told something of its bench (:mod:`nets.training.seeing`);
+    with ``network.feedback`` half of them are given an answer of the network besides (:mod:`nets.training.feedback`).
     """
 
     objective = "val_rmse_um"
 
     def __init__(self, config: RunConfig, device: torch.device, rank: int = 0):
         super().__init__(config, device, rank)
-        self.table = ToldTable(config.scene, device)
-        self.light, self.teller = FlatLight(self.table), Teller(config.training.told, self.table)
-        self.pictures = PictureMaker(config.training.pictures, self.table, self.flat)
+        self.viewer = Viewer(config, device)
+        self.table, self.light, self.pictures = self.viewer.table, self.viewer.light, self.viewer.pictures
+        self.echoes = Echoes(config, device, self.viewer) if network_feedback(config) else None
 
     def loss(self, model: Model, batch: Batch, step: int, progress: float) -> torch.Tensor:
         batch = self.turned(batch, step)
         cameras, told = self.generator("camera", step), self.generator("told", step)
         pictures = self.pictures.drawn(len(batch["image"]), self.generator("pictures", step))
-        heights = self._seen(batch["image"], batch["bench"], cameras, told, pictures=pictures).answered(model)
-        return relief_loss(heights, batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight)
+        given = Given.of(batch)
+        seen = self.viewer.seen(batch["image"], batch["bench"], cameras, told, pictures=pictures, given=given)
+        return relief_loss(
+            seen.answered(model), batch["heights"], self.config.scene.sample_pitch_m, self.training.slope_weight
+        )
 
     def turned(self, batch: Batch, step: int) -> Batch:
         """The batch under random symmetries, benches with their plates."""
         if not self.training.augmentation.symmetries:
             return batch
         symmetries = draw_symmetries(len(batch["bench"]), self.config.scene, self.generator("symmetries", step))
-        maps = {name: transformed(values, symmetries) for name, values in batch.items() if name != "bench"}
-        return {**maps, "bench": turned(batch["bench"], symmetries, self.table)}
+
+        def seen(name: str, values: torch.Tensor) -> torch.Tensor:
+            if name == "is_given":
+                return values
+            return turned(values, symmetries, self.table) if name in BENCHES else transformed(values, symmetries)
+
+        return {name: seen(name, values) for name, values in batch.items()}
 
     def measures(self, model: Model, batches: list[Batch]) -> dict[str, float]:
         """Errors on benches that are told with errors, which decide, or not at all; and on the run's scene, told."""
@@ -82,7 +79,26 @@ class ToldTask(Common):
                 name: mean([self._told(batch, number, kind) for number, batch in numbered])
                 for name, kind in self._others().items()
             },
+            **self._second(model, numbered),
         }
+
+    def _second(self, model: Model, batches: list[tuple[int, Batch]]) -> dict[str, float]:
+        """Errors of a second look, at the answer of the first: told with errors, and on the run's scene."""
+        if self.echoes is None:
+            return {}
+        echoes = self.echoes
+
+        def mean(look: Callable[[Batch, int], Seen]) -> float:
+            errors = []
+            for number, batch in batches:
+                first = look(batch, number)
+                answer = first.answer(model).float()
+                scenes = [told_scene(self.config.scene, values) for values in first.values.tolist()]
+                second = first._replace(before=(answer, echoes(first, answer, scenes)))
+                errors.append(relief_rmse_um(second.answered(model), batch["heights"]))
+            return float(torch.cat(errors).mean())
+
+        return {"val_second_rmse_um": mean(self._told), "val_default_second_rmse_um": mean(self._default)}
 
     def _others(self) -> dict[str, dict[str, bool]]:
         """Measures of pictures of fewer wavelengths or pixels, where the training has such."""
@@ -94,23 +110,26 @@ class ToldTask(Common):
         return found
 
     def sample(self, model: Model, batch: Batch) -> Sample:
-        first = Seen(*(part[:1] for part in self._told(batch, 0)))
+        image, told, scale, values, _ = self._told(batch, 0)
+        first = Seen(image[:1], told[:1], scale[:1], values[:1])
         return Sample(first.image[0], batch["heights"][0], first.answered(model)[0], is_height=True)
 
     def _told(self, batch: Batch, number: int, kind: Mapping[str, bool] | None = None) -> Seen:
         """A validation batch as trained on, the same in every epoch; all pictures of the scene, or all of one kind."""
         pictures = None if kind is None else self.pictures.fixed(len(batch["image"]), **kind)
         cameras, told = self._fixed("camera", number), self._fixed("told", number)
-        return self._seen(batch["image"], batch["bench"], cameras, told, pictures=pictures)
+        return self.viewer.seen(batch["image"], batch["bench"], cameras, told, pictures=pictures)
 
     def _untold(self, batch: Batch, number: int) -> Seen:
         """The same images, with nothing told."""
-        return self._seen(batch["image"], batch["bench"], self._fixed("camera", number), None)
+        return self.viewer.seen(batch["image"], batch["bench"], self._fixed("camera", number), None)
 
     def _default(self, batch: Batch, number: int) -> Seen:
         """The same plates on the run's scene, told all but the blur; the same cameras."""
         bench = self._scene(batch)
-        return self._seen(batch["default_image"], bench, self._fixed("camera", number), None, self._but_blur(bench))
+        return self.viewer.seen(
+            batch["default_image"], bench, self._fixed("camera", number), None, self._but_blur(bench)
+        )
 
     def _perfect(self, batch: Batch, number: int) -> Seen:
         """The same plates on the run's scene through perfect cameras, with noise."""
@@ -119,7 +138,7 @@ class ToldTask(Common):
         true = with_camera(self._scene(batch), None)
         true[:, -1] = noise
         known = self._but_blur(true[:, :-2])
-        return Seen(image, dropped(true, known, self.table), self.light.height_scale(true))
+        return Seen(image, dropped(true, known, self.table), self.light.height_scale(true), true)
 
     def _scene(self, batch: Batch) -> torch.Tensor:
         """Parameters of the run's scene for each sample, shape [B, P - 2]."""
@@ -133,38 +152,3 @@ class ToldTask(Common):
 
     def _fixed(self, purpose: str, number: int) -> torch.Generator:
         return step_generator(self.training.validation.seed, purpose, number, 0, self.device)
-
-    def _seen(
-        self,
-        image: torch.Tensor,
-        bench: torch.Tensor,
-        camera: torch.Generator,
-        told: torch.Generator | None,
-        known: torch.Tensor | None = None,
-        pictures: Pictures | None = None,
-    ) -> Seen:
-        """Images through cameras, moved by what is told.
-
-        Args:
-            image: shape [B, n_w, m, m] [W/m^2].
-            bench: its parameters, shape [B, P - 2].
-            camera: of cameras and noise.
-            told: of what is told; None tells what is true.
-            known: where what is true is told, shape [B, P]; None for nowhere.
-            pictures: which images have fewer wavelengths or pixels; None for none.
-        """
-        options = self.training.camera
-        cameras = None if options is None else draw_cameras(options, len(image), image.shape[1], camera)
-        known_camera = None if cameras is None else self.pictures.blurs(cameras, pictures)
-        true = with_camera(self.pictures.bench(bench, pictures), known_camera)
-        if told is not None:
-            telling = self.teller.drawn(true, told)
-        else:
-            telling = Telling(true, torch.zeros_like(true) if known is None else known)
-        values = filled(*telling, self.table)
-        if cameras is None:
-            image = self.light.rectified(image, values)
-        else:
-            cameras = self.pictures.noises(cameras, pictures)
-            image = seen(image, self.flat, cameras, camera, self.light.places(values))
-        return Seen(self.pictures.seen(image, pictures), dropped(*telling, self.table), self.light.height_scale(values))

@@ -59,7 +59,10 @@ def without_folders(settings: dict[str, Any]) -> None:
 
 
 def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_flat: bool) -> None:
-    """Start from a weights file; an unrolled network may also start from a direct one, a told one from one that is not.
+    """Start from a weights file, also of a network that has less.
+
+    An unrolled network may start from a direct one, a told one from one that is not, one with
+    feedback from one without.
 
     Args:
         path: of the file.
@@ -77,8 +80,8 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
         warm_start(network, loaded.module, keep_head=starts_flat)
         return
     found, wanted = loaded.info.architecture, cast(Architecture, network.config)
-    if found == _untold(wanted) != wanted:
-        # What it is told changes nothing yet, so it answers as before.
+    if found != wanted and found in _lesser(wanted):
+        # What it is told or given changes nothing yet, so it answers as before.
         network.load_state_dict(loaded.module.state_dict(), strict=False)
         return
     if found != wanted:
@@ -89,11 +92,12 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
     network.load_state_dict(loaded.module.state_dict())
 
 
-def _untold(architecture: Architecture) -> Architecture:
-    """The architecture without what tells it of its bench."""
+def _lesser(architecture: Architecture) -> list[Architecture]:
+    """The architecture without feedback, and without what tells it of its bench besides."""
     if not isinstance(architecture, DirectConfig):
-        return architecture
-    return architecture.model_copy(update={"backbone": architecture.backbone.model_copy(update={"conditions": 0})})
+        return []
+    once = architecture.model_copy(update={"feedback": False})
+    return [once, once.model_copy(update={"backbone": once.backbone.model_copy(update={"conditions": 0})})]
 
 
 def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:
