@@ -3,7 +3,7 @@
 import copy
 import dataclasses
 from collections.abc import Iterator
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch
 
@@ -19,6 +19,15 @@ from warp_caustics.scene import Scene
 
 SYMMETRIES_AT_ONCE = {"cpu": 4, "cuda": 8}
 """By device."""
+
+
+class Look(NamedTuple):
+    """An answer that is there already, as a network with feedback is given it."""
+
+    answer: torch.Tensor
+    """In the network's own unit, shape [n', n'] of its own samples [m]."""
+    echo: torch.Tensor
+    """Its caustic as the network sees images, shape [n_w, m', m'] of its own pixels [W/m^2]."""
 
 
 class NetworkAnswers:
@@ -37,6 +46,7 @@ class NetworkAnswers:
         grid: of its pictures and heights.
         bench: what it is told, or what its picture is freed of; None where that is its own.
         is_told: whether it is told.
+        has_feedback: whether it can look again at an answer.
         symmetries: shape [3, B], the identity first.
     """
 
@@ -44,6 +54,7 @@ class NetworkAnswers:
         self.network, self.device = network, device
         self.grid, seen = NetworkGrid(network, device), network.seen.scene
         self.is_told = bool(getattr(network.module, "is_told", False))
+        self.has_feedback = bool(getattr(network.module, "has_feedback", False))
         self.bench = ToldBench(seen, network.info.scene, device) if self.is_told else None
         network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.replayed = Replayed(network.module)
@@ -77,18 +88,34 @@ class NetworkAnswers:
         """Into how many the symmetries are divided."""
         return -(-self.symmetries.shape[1] // SYMMETRIES_AT_ONCE[self.device.type])
 
-    def __call__(self, image: CausticImage) -> Iterator[torch.Tensor]:
+    def __call__(self, image: CausticImage, look: Look | None = None) -> Iterator[torch.Tensor]:
         """Heights of each symmetry turned back, batch by batch, shape [b, n, n] [m].
 
         Args:
             image: of the scene, at its exposure.
+            look: at an answer that is there already, by a network with feedback; None for a first look.
         """
-        seen, noise = self.grid.picture(image), self.grid.noise(image)
-        if self.bench is not None:
-            seen = self.bench.picture(seen)
+        seen, noise = self._picture(image), self.grid.noise(image)
         for part in self.symmetries.split(SYMMETRIES_AT_ONCE[self.device.type], dim=1):
-            told = [self.bench.told(noise, part)] if self.bench is not None and self.is_told else []
-            heights = self.replayed(seen_in(seen, part), *told)
+            given = [self.bench.told(noise, part)] if self.bench is not None and self.is_told else []
+            given += [seen_in(each, part) for each in look] if look is not None else []
+            heights = self.replayed(seen_in(seen, part), *given)
             if self.bench is not None:
                 heights = heights * self.bench.height_scale
             yield self.grid.heights(turned_back(heights, part))
+
+    def look(self, heights: torch.Tensor, caustic: torch.Tensor) -> Look:
+        """What the network is given to look again.
+
+        Args:
+            heights: an answer, of any network [m], shape [n, n].
+            caustic: of these heights on the scene, shape [n_w, m, m] [W/m^2].
+        """
+        answer = self.grid.answer(heights.to(self.device, torch.float32)[None])[0]
+        scale = 1.0 if self.bench is None else self.bench.height_scale
+        return Look(answer / scale, self._picture(CausticImage(caustic.cpu().numpy())))
+
+    def _picture(self, image: CausticImage) -> torch.Tensor:
+        """An image as the network sees it, shape [n_w, m', m'] of its own pixels."""
+        seen = self.grid.picture(image)
+        return seen if self.bench is None else self.bench.picture(seen)

@@ -67,6 +67,12 @@ class NetworkGrid:
             return answers
         return regridded(answers, self.seen.working.height_samples) / self.seen.scale
 
+    def answer(self, heights: torch.Tensor) -> torch.Tensor:
+        """Heights where they are refined as the network would answer them: the reverse of :meth:`heights`."""
+        if self.seen.is_same:
+            return heights
+        return regridded(heights * self.seen.scale, self.trained.height_samples)
+
     def result(self, found: Reconstruction) -> Reconstruction:
         """What was found on the working grid with its heights and their uncertainty on the user's.
 
