@@ -156,11 +156,11 @@ class Direct(Reconstructor):
         return resimulation
 
     def _opinion(self, resimulation: Resimulation, log: RunLog) -> Opinion:
-        def residual(heights: torch.Tensor) -> float:
+        def caustic(heights: torch.Tensor) -> tuple[torch.Tensor, float]:
             found = as_glass(heights.cpu().numpy(), self.scene)
-            return resimulation.exposed(found)(found).residual
+            return resimulation.exposed(found)(found)
 
-        return opinion(self.asked, resimulation.image, residual, log)
+        return opinion(self.asked, resimulation.image, caustic, log)
 
     def _found(
         self, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None
@@ -182,7 +182,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
-        spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m)
+        spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m)
         no_spread = self._no_uncertainty(network, len(answers))
         timings = {"network": log.elapsed_s}
         found_at = None
@@ -201,7 +201,7 @@ class Direct(Reconstructor):
                 heights,
                 timings["network"],
                 following(progress, len(history), log.started, "refinement, "),
-                None if spread is None else answers.double().std(dim=0).cpu().numpy(),
+                None if spread is None else found.looked.double().std(dim=0).cpu().numpy(),
             )
             reason = "max_time"
             if refined is not None:

@@ -1,12 +1,6 @@
-"""Whose answer to take: the network made for a scene, the one that is told of its bench, or both.
+"""Which of the answers to an image are believed: those of one network or two, at a first look or looking again."""
 
-The first has seen only that bench, and is the better one there, on lines; the second has seen any bench, rings, drops,
-meanders and plates wider beside their lines. Neither knows which of them an image is. What each leaves of the image
-does: on rings the scene's own left 0.10 to 0.14 of it at an error of 12 to 39 um, the other 0.06 to 0.12 at 5 to
-17 um, on lines it is the other way round (before refinement, 26 plates of seeds of their own).
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +10,8 @@ from nets.reconstruct.network_answers import NetworkAnswers
 from warp_caustics.reconstruct.base import CausticImage, StopReason
 from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 
-Residual = Callable[[torch.Tensor], float]
-"""Of heights, shape [n, n]: the share of the image that their caustic leaves."""
+Caustic = Callable[[torch.Tensor], tuple[torch.Tensor, float]]
+"""Of heights, shape [n, n]: their caustic [W/m^2], shape [n_w, m, m], and the share of the image that it leaves."""
 
 
 @dataclass(frozen=True)
@@ -26,57 +20,135 @@ class Opinion:
 
     Attributes:
         answers: heights, shape [B, n, n] [m]; none if there was no time.
-        source: the network they are of; the first of both where they are of both.
+        looked: answers of a first look, whose spread says how far to trust their mean; shape [B', n, n] [m]. Those that
+            look again have all been given the same, and err together: their spread is two thirds of that for the same
+            error.
+        source: the network that they are of; the first of both where they are of both.
         reason: ``interrupted`` or ``converged``.
         record: which was taken, and what each leaves; empty where there was but one.
     """
 
     answers: torch.Tensor
+    looked: torch.Tensor
     source: NetworkAnswers
     reason: StopReason = "converged"
     record: dict[str, Any] = field(default_factory=dict)
 
 
-def opinion(networks: Sequence[NetworkAnswers], image: CausticImage, residual: Residual, log: RunLog) -> Opinion:
-    """The answers of the network, or of the networks together, that leave the least of an image.
+@dataclass(frozen=True)
+class _Candidate:
+    name: str
+    answers: torch.Tensor
+    looked: torch.Tensor
+    source: NetworkAnswers
+    caustic: torch.Tensor
+    residual: float
 
-    The second is asked for one batch first, and for the rest only if that leaves less than the first's.
+
+class _Hearing:
+    """One image; what was answered so far."""
+
+    def __init__(self, image: CausticImage, caustic: Caustic, log: RunLog):
+        self.image, self.caustic, self.log = image, caustic, log
+        self.heard: list[_Candidate] = []
+
+    def answers(
+        self, network: NetworkAnswers, note: str, again: _Candidate | None = None
+    ) -> Iterator[tuple[torch.Tensor, bool]]:
+        """All answers of a network so far, and whether they are the first batch.
+
+        Args:
+            network: that is asked.
+            note: for the log.
+            again: what it looks at again; None for a first look.
+        """
+        look = None if again is None else network.look(again.answers.mean(0), again.caustic)
+        found = None
+        for batch in network(self.image) if look is None else network(self.image, look):
+            is_first, found = found is None, batch if found is None else torch.cat([found, batch])
+            self.log.note(note, None, symmetries=len(found))
+            yield found, is_first
+
+    def all_answers(self, network: NetworkAnswers, note: str, again: _Candidate) -> torch.Tensor:
+        """All answers of a network that looks again, shape [B, n, n] [m]."""
+        *_, (answers, _) = self.answers(network, note, again)
+        return answers
+
+    def judged(
+        self, name: str, answers: torch.Tensor, looked: torch.Tensor, source: NetworkAnswers, *, is_heard: bool = True
+    ) -> _Candidate:
+        """Answers with what they leave of the image."""
+        found = _Candidate(name, answers, looked, source, *self.caustic(answers.mean(0)))
+        if is_heard:
+            self.heard.append(found)
+        return found
+
+    def best(self) -> Opinion:
+        """The answers that leave the least, with a record."""
+        taken = min(self.heard, key=lambda each: each.residual)
+        record = {"taken": taken.name, "residual": {each.name: each.residual for each in self.heard}}
+        return Opinion(taken.answers, taken.looked, taken.source, record=record)
+
+
+def opinion(networks: Sequence[NetworkAnswers], image: CausticImage, caustic: Caustic, log: RunLog) -> Opinion:
+    """The answers that leave the least of an image.
+
+    One network answers, and where it has feedback looks again at its own answer. A second one that has feedback looks
+    at the first's answer, for one batch: what it adds, or the mean of both, is taken where that leaves less. Where
+    already this batch alone leaves less than the first network, which then does not know such a plate, it looks once
+    more for itself. Without feedback the second is asked for one batch, and for the rest if that leaves less.
 
     Args:
         networks: one or two, the one that was made for the scene first.
         image: at its exposure.
-        residual: of heights.
+        caustic: of heights.
         log: told of each batch.
     """
     first, n = networks[0], networks[0].network.seen.working.height_samples
-    log.total = sum(each.batches for each in networks)
-    answers = torch.empty(0, n, n, device=first.device)
-    record: dict[str, Any] = {}
+    second = networks[1] if len(networks) > 1 else None
+    looks_again = first.has_feedback if second is None else second.has_feedback
+    log.total = sum(each.batches for each in networks) + (networks[-1].batches if looks_again else 0)
+    none = torch.empty(0, n, n, device=first.device)
+    best = Opinion(none, none, first)
+    names = {"first": first.network.file} | ({} if second is None else {"second": second.network.file})
+    hearing = _Hearing(image, caustic, log)
     try:
-        for batch in first(image):
-            answers = torch.cat([answers, batch])
-            log.note("network", None, symmetries=len(answers))
-        if len(networks) == 1:
-            return Opinion(answers, first)
-        second = networks[1]
-        others = torch.empty_like(answers[:0])
-        record = {"first": first.network.file, "second": second.network.file, "taken": "first"}
-        for batch in second(image):
-            others = torch.cat([others, batch])
-            log.note("second network", None, symmetries=len(others))
-            if len(others) == len(batch):  # the first batch
-                told = {"first": residual(answers[: len(batch)].mean(0)), "second": residual(others.mean(0))}
-                record["residual_at_a_glance"] = told
-                if told["second"] >= told["first"]:
-                    return Opinion(answers, first, record=record)
-        choices = {
-            "first": (answers, first),
-            "second": (others, second),
-            "both": (torch.cat([answers, others]), first),
-        }
-        left = {name: residual(of.mean(0)) for name, (of, _) in choices.items()}
-        taken = min(left, key=lambda name: left[name])
-        found, source = choices[taken]
-        return Opinion(found, source, record=record | {"taken": taken, "residual": left})
+        for answers, _ in hearing.answers(first, "network"):
+            best = Opinion(answers, answers, first)
+        if second is None and not first.has_feedback:
+            return best
+        own = hearing.judged("first", best.answers, best.answers, first)
+        if second is None:
+            hearing.judged("first again", hearing.all_answers(first, "second look", own), own.looked, first)
+        elif second.has_feedback:
+            _looked_by(second, own, hearing)
+        else:
+            _asked(second, own, hearing)
+        best = hearing.best()
     except KeyboardInterrupt as stop:
-        return Opinion(answers, first, why_stopped(stop), record)
+        return Opinion(best.answers, best.looked, best.source, why_stopped(stop))
+    return Opinion(best.answers, best.looked, best.source, record=names | best.record)
+
+
+def _looked_by(second: NetworkAnswers, own: _Candidate, hearing: _Hearing) -> None:
+    """Candidates of a network with feedback that looks at another's answer."""
+    answers, _ = next(hearing.answers(second, "second network", own))
+    looked = hearing.judged("second", answers, own.looked, second)
+    both = torch.cat([own.answers, answers])
+    hearing.judged("both", both, own.looked, own.source)
+    if looked.residual < own.residual:
+        answers = hearing.all_answers(second, "second look", looked)
+        hearing.judged("second again", answers, torch.cat([own.looked, looked.answers]), second)
+
+
+def _asked(second: NetworkAnswers, own: _Candidate, hearing: _Hearing) -> None:
+    """Candidates of a network without feedback."""
+    for answers, is_first in hearing.answers(second, "second network"):
+        if is_first:
+            start = own.answers[: len(answers)]
+            glances = [hearing.judged("", each, each, second, is_heard=False) for each in (start, answers)]
+            if glances[1].residual >= glances[0].residual:
+                return
+    hearing.judged("second", answers, answers, second)
+    both = torch.cat([own.answers, answers])
+    hearing.judged("both", both, both, own.source)
