@@ -18,6 +18,8 @@ venv: $(STAMP) ## install everything into .venv (PYTHON and CONSTRAINTS may be g
 $(STAMP): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit("$(PYTHON) is Python %d.%d, 3.11 or newer is needed; make PYTHON=python3.11" % sys.version_info[:2] if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
+	@# The pip that comes with Python 3.11 (23.2) takes twice as long; it does where no newer one can be had.
+	-$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c $(CONSTRAINTS) --upgrade pip
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[dev,docs,exr,cluster]'
 	@# Modules are compiled at their first use: of the 15,000 that come along a quarter is used. Where Python is told to
 	@# keep nothing of that, all are compiled now, on all cores; some are templates of other programs and do not compile.

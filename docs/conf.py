@@ -27,6 +27,7 @@ extensions = [
     "config_keys",
     "mathml",
     "offline",
+    "python_names",
 ]
 exclude_patterns = ["_ext"]
 

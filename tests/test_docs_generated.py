@@ -17,7 +17,7 @@ FORMULA_PAGES = [page for page in sorted(DOCS.rglob("*.md")) if "$$" in page.rea
 def extensions(monkeypatch):
     monkeypatch.syspath_prepend(str(DOCS / "_ext"))
     yield importlib.import_module
-    for name in ("config_keys", "api_modules", "mathml", "offline"):
+    for name in ("config_keys", "api_modules", "mathml", "offline", "python_names"):
         sys.modules.pop(name, None)
 
 
@@ -109,3 +109,36 @@ def test_pages_that_need_a_network_are_noticed(page, extensions):
     offline = extensions("offline")
     assert len(offline.loaded_from_elsewhere(page)) == 1
     assert offline.loaded_from_elsewhere('<a href="https://a.example">a</a><script src="_static/a.js"></script>') == []
+
+
+def test_names_of_objects_are_found_as_sphinx_finds_them(extensions):
+    """Those that end as an object does by Sphinx itself; others need no search, once all pages are read."""
+    from types import SimpleNamespace
+
+    from sphinx.domains.python import ObjectEntry, PythonDomain
+
+    names = extensions("python_names")
+    objects = {name: ObjectEntry("page", name, kind, False) for name, kind in OBJECTS.items()}
+    environment = SimpleNamespace(domaindata={"py": {"objects": objects, "version": PythonDomain.data_version}})
+    environment.domains = SimpleNamespace(python_domain=names.PythonNames(environment))
+    own, quick = PythonDomain(environment), environment.domains.python_domain
+    names._collect(None, environment)
+    found = 0
+    for name in ("Scene", "scene.Scene", "field", "Scene.field", "make()", "float", "cene", "np.ndarray", ""):
+        for role in ("class", "func", "obj", None):
+            for place in (("", ""), ("optics.scene", ""), ("optics.scene", "Scene")):
+                for mode in (0, 1):
+                    expected = own.find_obj(environment, *place, name, role, mode)
+                    assert quick.find_obj(environment, *place, name, role, mode) == expected
+                    found += bool(expected)
+    assert found > 20
+    assert quick.last_parts == {"scene", "Scene", "field", "make"}
+
+
+OBJECTS = {
+    "optics.scene": "module",
+    "optics.scene.Scene": "class",
+    "optics.scene.Scene.field": "attribute",
+    "optics.scene.make": "function",
+    "sets.scene.Scene": "class",
+}

@@ -8,14 +8,14 @@ from warp_caustics import CausticSimulator, Scene, lattice_rows
 SCENE = Scene(height_samples=20, image_pixels=48, exit_medium="glass")
 FAR = {"screen_position_m": (1e-3, -2e-3, -0.02), "exit_medium": "air"}
 
+ALL_EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost"}
+
 CASES = {
     "contact": ({}, 96**2),
     "far and off centre": (FAR, 96**2),
-    "fresnel, far": ({**FAR, "fresnel": True}, 80**2),
-    "lamp": ({"lamp_half_angle_rad": 0.02}, 80**2),
+    "all effects": (ALL_EFFECTS, 80**2),
+    "all effects, far, tilt": ({**FAR, **ALL_EFFECTS, "light_tilt_rad": (0.02, -0.01)}, 80**2),
     "tilt": ({"light_tilt_rad": (0.02, -0.01)}, 80**2),
-    "second hits": ({"second_hits": "lost"}, 80**2),
-    "second hits, tilt": ({"second_hits": "lost", "light_tilt_rad": (0.02, -0.01)}, 80**2),
     "point light": ({"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9}, 80**2),
     "out of sight": ({"screen_position_m": (1.0, 0.0, -1e-6)}, 80**2),
     "half out of sight": ({"screen_position_m": (0.009, -0.007, -1e-6)}, 80**2),
@@ -51,8 +51,9 @@ def one_by_one(simulator: CausticSimulator) -> CausticSimulator:
     return other
 
 
-EFFECTS = ("fresnel, far", "lamp", "tilt", "second hits", "second hits, tilt", "point light")
-"""Cases with kernels of their own, which are compiled for float64 alone."""
+EFFECTS = ("all effects", "all effects, far, tilt", "tilt", "point light")
+"""Cases with kernels of their own, which are compiled for float64 alone. An effect only adds code to a kernel: those
+with all of them hold every part, once for light from straight above and once for other light."""
 
 
 @pytest.mark.parametrize(

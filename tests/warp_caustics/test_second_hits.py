@@ -96,8 +96,12 @@ def test_gentle_relief_meets_nothing():
     assert energy_budget(lost, heights)["met_again"] == [0.0]
 
 
-@pytest.mark.parametrize("scene", [SCENE, POINT, TILTED], ids=["collimated", "point", "tilted"])
-@pytest.mark.parametrize("placement", ["lattice", "random"])
+@pytest.mark.parametrize(
+    ("scene", "placement"),
+    # Where photons start is read in one place, which does not know what light falls there.
+    [(SCENE, "lattice"), (SCENE, "random"), (POINT, "random"), (TILTED, "random")],
+    ids=["collimated lattice", "collimated", "point", "tilted"],
+)
 def test_image_and_gradient_match_the_oracle_and_differences(scene, placement):
     """Lost paths weigh nothing; the others are differentiated as ever. Tape and torch agree."""
     heights = ridges()

@@ -24,13 +24,11 @@ def folder(tmp_path_factory):
 def test_every_sample_comes_once_and_in_its_part(folder, workers):
     module = CausticDataModule(folder, ["heights"], batch_size=4, workers=workers)
     module.setup()
-    parts = [
-        torch.cat([batch["id"] for batch in loader]).tolist()
-        for loader in (module.train_dataloader(), module.val_dataloader())
-    ]
+    batches = [list(loader) for loader in (module.train_dataloader(), module.val_dataloader())]
+    parts = [torch.cat([batch["id"] for batch in part]).tolist() for part in batches]
     assert sorted(parts[0] + parts[1]) == list(range(40))
     assert parts[1] == [3, 22, 25, 39]
-    assert next(iter(module.val_dataloader()))["heights"].shape == (4, 8, 8)
+    assert batches[1][0]["heights"].shape == (4, 8, 8)
 
 
 def test_unfinished_sets_are_refused(folder, tmp_path):
