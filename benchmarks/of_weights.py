@@ -23,7 +23,7 @@ DIRECT = {"direct": "035b3b3b"}
 NSFC = {"denoiser": "d32ff12e", "updater": "5365d754"}
 ABLATIONS = {**NSFC, "updater-no-denoiser": "83330354", "updater-no-gradient": "e6ed5cbc"}
 OLD = {"direct": EARLIER}
-FAMILY = {"direct-family": "c1e3c262"}
+FAMILY = {"direct-family": "04fdebcc"}
 OLD_FAMILY = {"direct-family": EARLIER}
 
 

@@ -59,7 +59,7 @@ LAYERS = {
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
-        " told flat_light seen_scene rounded_weights",
+        " told told_scene flat_light seen_scene rounded_weights",
         "unet backbone",
         "denoiser updater direct_net unrolled_net",
         "architecture",

@@ -222,7 +222,9 @@ def test_a_round_waits_for_no_gpu(looking_run):
         source.batch(step)
     try:
         torch.cuda.set_sync_debug_mode("error")
-        source.batch(4)
+        batch = source.batch(4)
+        with pytest.raises(RuntimeError, match="synchroniz"):
+            float(batch["answer"].sum())  # control: what waits is found
     finally:
         torch.cuda.set_sync_debug_mode("default")
         source.close()
