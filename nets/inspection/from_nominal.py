@@ -102,12 +102,14 @@ class FromNominal:
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
         self.refusal: str | None = None
         try:
-            self.free = methods.create("direct", scene, device=self.device, refine=False, weights=self.options.weights)
+            self.free = methods.create(
+                "direct", scene, device=self.device, refine=False, weights=self.options.weights, bench_uncertainty=False
+            )
         except (InputError, MismatchError) as error:
             if self.options.weights is not None:
                 raise
             self.refusal = str(error)
-            self.free = methods.create("auto", scene, device=self.device)
+            self.free = methods.create("auto", scene, device=self.device, bench_uncertainty=False)
 
     def reconstruct(
         self,

@@ -13,6 +13,7 @@ from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.opinions import Opinion, opinion
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
+from nets.reconstruct.with_bench import with_bench
 from nets.shipped import FoundNetwork, find_network, told_network
 from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -25,7 +26,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-BENCH_OPTIONS = ("set_up", "priors", "ambient")
+BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty")
 """Those that are about the bench, which other methods take as it is told."""
 
 
@@ -45,7 +46,10 @@ class DirectOptions(RefinementOptions):
     set_up: Literal["known", "estimate"] = "known"
     """Whether the bench is as it is told, or its numbers are looked for beside the heights."""
     priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
-    """Standard deviations of what is told of it, by name; 0 is exact."""
+    """Standard deviations of what is told of it, by name; 0 is exact. Part of the uncertainty, and where numbers are
+    looked for what is believed of them before. Of others: a bench that was measured with care."""
+    bench_uncertainty: bool = True
+    """Whether the standard uncertainty knows how well the bench is known."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
@@ -129,6 +133,8 @@ class Direct(Reconstructor):
             self.watch(found)
         if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
             found = search(image, found, answer, progress)
+        if self.options.bench_uncertainty:
+            found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
 
     def found(

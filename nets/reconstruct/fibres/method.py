@@ -23,6 +23,7 @@ from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.reconstruct.with_bench import with_bench
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
@@ -92,7 +93,10 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
-        return self.network.asked[0].grid.result(run.result())
+        found = run.result()
+        if self.options.bench_uncertainty:
+            found = with_bench(found, self.network.numbers)
+        return self.network.asked[0].grid.result(found)
 
 
 class _Run:

@@ -81,7 +81,7 @@ def test_the_papers_method_does_ten_steps(made, image):
 
 
 def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
-    method = made("direct", is_random=True, refine=False)
+    method = made("direct", is_random=True, refine=False, bench_uncertainty=False)
     result = method.reconstruct(image)
     assert result.counters["symmetries"] == 8
     answers = []
@@ -96,6 +96,18 @@ def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
     scale = float(answers.abs().max())
     np.testing.assert_allclose(result.heights_m, answers.mean(0), atol=1e-5 * scale)
     np.testing.assert_allclose(result.uncertainty_m, DIRECT_CALIBRATION.scale * answers.std(0), atol=1e-5 * scale)
+
+
+def test_the_bench_is_part_of_the_uncertainty_and_its_numbers_are_told(made, image):
+    network = made("direct", refine=False, bench_uncertainty=False).reconstruct(image)
+    whole = made("direct", refine=False, priors={"gap_m": 1e-4}).reconstruct(image)
+    assert "uncertainty" not in network.counters and not network.uncertainty_m.max() > whole.uncertainty_m.max()
+    parts = whole.counters["uncertainty"]
+    rms = {"network": network.uncertainty_m, "whole": whole.uncertainty_m}
+    rms = {name: 1e6 * float(np.sqrt(np.mean(values**2))) for name, values in rms.items()}
+    assert parts["network_um"] == pytest.approx(rms["network"])
+    assert np.hypot(parts["network_um"], parts["bench_um"]) == pytest.approx(rms["whole"])
+    assert parts["numbers"]["gap_m"]["sigma"] == 1e-4 and set(parts["numbers"]) >= {"index_offset", "magnification"}
 
 
 def test_refinement_never_raises_the_residual(made, image):
