@@ -150,6 +150,17 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
     return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
 
 
+def rest_lines(record: Mapping[str, Any]) -> list[str]:
+    """What the rest of the image looks like, and what the camera did that was undone; nothing where neither is known."""
+    counters = record.get("counters") or {}
+    lines = [f"rest       {counters['rest']['line']}"] if counters.get("rest") else []
+    camera = counters.get("camera") or {}
+    apart = max((abs(value) for shift in camera.get("shift_px", []) for value in shift), default=0.0)
+    blur = max(camera.get("blur_px", []), default=0.0)
+    found = [f"channels {apart:.2g} px apart"] * (apart > 0) + [f"blur of {blur:.2g} px"] * (blur > 0)
+    return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]
+
+
 def found_bench_lines(result: "Reconstruction") -> list[str]:
     """What the image told of its bench, a line for each number; none where it was not looked for."""
     from warp_caustics.found_bench.bench_record import NOT_TOLD
@@ -197,6 +208,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     low, high = (height * 1e3 for height in record["height_range_m"])
     lines = [
         *trust_lines(record),
+        *rest_lines(record),
         f"result     {output}: {', '.join(files)}",
         f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
         f"stopped by {result.stop_reason.replace('_', ' ')}",

@@ -14,11 +14,13 @@ from nets.reconstruct.opinions import Opinion, opinion
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_causes import with_causes
 from nets.shipped import FoundNetwork, find_network, told_network
 from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following
 from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
@@ -26,7 +28,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty")
+BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes")
 """Those that are about the bench, which other methods take as it is told."""
 
 
@@ -50,6 +52,8 @@ class DirectOptions(RefinementOptions):
     looked for what is believed of them before. Of others: a bench that was measured with care."""
     bench_uncertainty: bool = True
     """Whether the standard uncertainty knows how well the bench is known."""
+    causes: bool = True
+    """Whether what is left of the image is asked what it looks like: light, camera, dirt or a bench other than told."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
@@ -133,6 +137,8 @@ class Direct(Reconstructor):
             self.watch(found)
         if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
             found = search(image, found, answer, progress)
+        if self.options.causes and found.stop_reason != "interrupted":
+            found = with_causes(found, seen, self.simulator, self.numbers, answer)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
@@ -219,6 +225,11 @@ class Direct(Reconstructor):
                 ]
             counters["refinement"] = outcome(refined)
             timings["refinement"] = log.elapsed_s - timings["network"]
+        rest = None if interrupted or spread is None else resimulation.rest(heights, found_at)
+        if rest is not None:
+            left = torch.as_tensor(rest.local_share(n) * local_relief(heights), device=answers.device)
+            spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m, left)
+            assert spread is not None
         record = network_result(
             self.name,
             resimulation,

@@ -30,6 +30,8 @@ class Calibration:
     seed: int
     floor_m: float = 0.0
     """Added in quadrature everywhere [m, on the network's own plate]: what all answers have in common."""
+    shared: float = 0.0
+    """Of the relief around, times the share of the image that is left there: what all answers get wrong together."""
 
 
 DIRECT_CALIBRATION = Calibration(scale=1.147, within_one=0.711, within_two=0.906, fields=60, seed=777_001)
@@ -46,7 +48,11 @@ points lie within one and two, on the same plates that gave the factor; bare pla
 
 
 def uncertainty(
-    answers: torch.Tensor, calibration: Calibration, scale: float = 1.0, flatness_m: float = 0.0
+    answers: torch.Tensor,
+    calibration: Calibration,
+    scale: float = 1.0,
+    flatness_m: float = 0.0,
+    left: torch.Tensor | None = None,
 ) -> torch.Tensor | None:
     """Standard uncertainty of the mean answer [m], shape [n, n]; None for a single answer.
 
@@ -55,9 +61,13 @@ def uncertainty(
         calibration: of the network.
         scale: of the network's plate over the user's.
         flatness_m: standard deviation of the base from a plane [m].
+        left: relief around each sample times the share of the image that is left there [m], shape [n, n]
+            (:mod:`warp_caustics.reconstruct.rest`); None where that is not known.
     """
     if len(answers) < 2:
         return None
     spread = calibration.scale * answers.std(dim=0)
-    shared = math.hypot(calibration.floor_m / scale, flatness_m)
-    return spread.square().add(shared**2).sqrt() if shared else spread
+    if left is not None and calibration.shared:
+        spread = spread.square().add((calibration.shared * left).square()).sqrt()
+    everywhere = math.hypot(calibration.floor_m / scale, flatness_m)
+    return spread.square().add(everywhere**2).sqrt() if everywhere else spread

@@ -32,7 +32,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from warp_caustics.height_field import cell_centres
 from warp_caustics.scene import Scene

@@ -24,6 +24,7 @@ from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_causes import with_causes
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
@@ -94,6 +95,8 @@ class Fibres(Reconstructor):
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
         found = run.result()
+        if self.options.causes and found.stop_reason != "interrupted":
+            found = with_causes(found, image, self.network.simulator, self.network.numbers)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.network.numbers)
         return self.network.asked[0].grid.result(found)
