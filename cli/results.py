@@ -151,7 +151,7 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
 
 
 def rest_lines(record: Mapping[str, Any]) -> list[str]:
-    """What the rest of the image looks like, and what the camera did that was undone; nothing where neither is known."""
+    """What the rest of the image looks like, and what of the camera is in the model; nothing where neither is known."""
     counters = record.get("counters") or {}
     lines = [f"rest       {counters['rest']['line']}"] if counters.get("rest") else []
     camera = counters.get("camera") or {}

@@ -225,9 +225,9 @@ class Direct(Reconstructor):
                 ]
             counters["refinement"] = outcome(refined)
             timings["refinement"] = log.elapsed_s - timings["network"]
-        rest = None if interrupted or spread is None else resimulation.rest(heights, found_at)
-        if rest is not None:
-            left = torch.as_tensor(rest.local_share(n) * local_relief(heights), device=answers.device)
+        rest = resimulation.rest(heights, found_at) if self.options.causes and spread is not None else None
+        if rest is not None and not interrupted:
+            left = torch.as_tensor(rest.share * local_relief(heights), device=answers.device)
             spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m, left)
             assert spread is not None
         record = network_result(

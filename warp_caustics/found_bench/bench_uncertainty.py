@@ -19,7 +19,7 @@ from warp_caustics.found_bench.thin_relief import MAGNIFICATION, TURN, parameter
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
-BASE_M = 1e-5
+BASE_M = 5e-6
 """Of a micrometer screw, and the plate's own variation."""
 GAP_M = 1e-5
 """Of a feeler gauge or a spacer."""
@@ -29,7 +29,7 @@ LAMP_DISTANCE = 0.01
 """Of a lamp's distance, relative."""
 VERGENCE_PER_M = 0.02
 """Of light that is collimated: the lamp's image is 50 m away or farther."""
-CORNER_PX = 0.2
+CORNER_PX = 0.1
 """Of each of the window's corners, along x and along y; what four of them leave of its place, turn and size."""
 IN_DOUBT = "in doubt"
 

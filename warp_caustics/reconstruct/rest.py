@@ -1,8 +1,4 @@
-"""What a result leaves of the image beyond its noise: how much, where, and how fine.
-
-Light that one place of a relief sends elsewhere is missing within the way it is bent, which is about as far as lines
-are wide. So what is left within a sixteenth of the image belongs, by and large, to the relief below it.
-"""
+"""What a result leaves of the image beyond its noise: how much, where, and how fine."""
 
 import math
 from dataclasses import dataclass
@@ -16,10 +12,6 @@ from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.trust import Seen
 from warp_caustics.types import FloatArray
 
-BLOCKS = 16
-"""Parts of the image along a side."""
-LEAST_CONTRAST = 0.1
-"""Of the mean over the image, that counts as contrast where there is next to none."""
 EVEN = 0.15
 """Of a flat plate's light: where a result shows no more than this besides, and nothing bright is near, it is even."""
 NEAR_PX = 7
@@ -96,33 +88,22 @@ class Rest:
         even = torch.nn.functional.max_pool2d(apart, NEAR_PX, 1, NEAR_PX // 2)[0, 0] < EVEN
         return even, self.shown.amax(0) > BRIGHT
 
-    def local_share(self, samples: int) -> FloatArray:
-        """Of the image's contrast in the neighbourhood of each sample, what is left beyond noise, shape [n, n]."""
+    @property
+    def share(self) -> float:
+        """Of the image's contrast, what is left beyond noise and simulation."""
         contrast = ((1 - self.measurement.irradiance.double()) * self.measurement.weight).square()
-        left, whole = (
-            _blurred_blocks(values) for values in ((self.left.square() - self.noise2).sum(0), contrast.sum(0))
-        )
-        share = np.sqrt(np.maximum(left, 0.0) / (whole + LEAST_CONTRAST * max(float(whole.mean()), 1e-12)))
-        wide = torch.nn.functional.interpolate(
-            torch.as_tensor(share)[None, None], size=(samples, samples), mode="bilinear", align_corners=False
-        )
-        return np.asarray(wide[0, 0].numpy())
+        beyond = self.left.square() - self.noise2 - self.simulation2
+        return _share(float(beyond.sum()), float(contrast.sum()))
 
     def record(self) -> dict[str, Any]:
         """For a result's counters: shares of the image's light."""
-        return {"beyond_noise": _share(self.beyond2, self.light2), **self.by_region()}
+        return {"beyond_noise": _share(self.beyond2, self.light2), "of_contrast": self.share, **self.by_region()}
 
 
 def local_relief(heights: FloatArray) -> FloatArray:
     """Height of the relief around each sample [m]: of the highest of its neighbours, smoothed."""
     largest = scipy.ndimage.maximum_filter(np.abs(heights), 3)
     return np.asarray(scipy.ndimage.gaussian_filter(largest, 1.5))
-
-
-def _blurred_blocks(values: torch.Tensor) -> FloatArray:
-    """Means over blocks [BLOCKS, BLOCKS], and over those next to them."""
-    blocks = torch.nn.functional.adaptive_avg_pool2d(values[None, None], min(BLOCKS, values.shape[-1]))[0, 0]
-    return np.asarray(scipy.ndimage.gaussian_filter(blocks.cpu().numpy(), 1.0))
 
 
 def _share(part: float, whole: float) -> float:
