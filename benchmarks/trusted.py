@@ -158,6 +158,8 @@ def _covered(rows: Sequence[dict[str, Any]], key: str) -> str:
 
 def _spread(rows: Sequence[dict[str, Any]], key: str) -> str:
     values = np.array([row[key] for row in rows if row[key][0] is not None])
+    if not len(values):
+        return "-"
     return ", ".join("{:.2f}/{:.2f}".format(*of(values, axis=0)) for of in (np.min, np.median, np.max))
 
 

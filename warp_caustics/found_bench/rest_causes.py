@@ -45,6 +45,8 @@ BRIGHTNESS = 0.05
 """Prior width of each channel's brightness, which is estimated along and never named."""
 MOST_RATIO = 1.5
 """Of what is left to what the uncertainty would leave, up to which nothing is said: docs/trust.md has what it tells."""
+LARGEST_RATIO = 1000.0
+"""That is told: heights that claim to be exact have no larger one."""
 BORDER = 1 / 128
 """Of the image on all sides that does not count where the bench is asked: a moved picture has half pixels there."""
 LEAST_GRAIN = 0.01
@@ -173,7 +175,7 @@ def rest_causes(
     """
     bench = tuple(_bench_causes(rest, heights, numbers, camera, device))
     others = sorted((*_camera_causes(rest), *_dirt(rest)), key=lambda cause: -(cause.share or 0.0))
-    ratio = None if predicted2 is None else math.sqrt(rest.beyond2 / max(predicted2, 1e-30))
+    ratio = None if predicted2 is None else min(math.sqrt(rest.beyond2 / max(predicted2, 1e-30)), LARGEST_RATIO)
     return RestCauses(rest.record(), (*bench, *others), ratio)
 
 
@@ -183,11 +185,12 @@ def _bench_causes(
     measurement = rest.measurement
     pixels = measurement.irradiance.shape[-1]
     blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
-    assert measurement.noise is not None
+    each_noise = measurement.noise
+    assert each_noise is not None
     inside, border = torch.zeros_like(measurement.weight), max(1, round(BORDER * pixels))
     inside[:, border:-border, border:-border] = measurement.weight[:, border:-border, border:-border]
     measurement = replace(measurement, weight=inside)
-    level = measurement.noise / measurement.irradiance.double().clamp_min(DARK_FLOOR).sqrt()
+    level = each_noise / measurement.irradiance.double().clamp_min(DARK_FLOOR).sqrt()
     noise = level.mean((1, 2)).clamp_min(1e-3).double()
     told = {name: numbers.before[name] for name in numbers.names}
     relief = torch.tensor(np.asarray(heights), dtype=torch.float32, device=device)
