@@ -234,7 +234,10 @@ class Run:
     def _method(self, variant: str) -> Reconstructor:
         if variant not in self._methods:
             options = self._options[variant]
-            self._methods[variant] = create("direct", self.fields.scene, device=self.fields.device, **options)
+            spread_alone = {"bench_uncertainty": False, "causes": False}
+            self._methods[variant] = create(
+                "direct", self.fields.scene, device=self.fields.device, **(spread_alone | options)
+            )
         return self._methods[variant]
 
 

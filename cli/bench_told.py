@@ -20,23 +20,21 @@ def told_options(config: Config, bench: str | None, set_up: str | None, priors: 
         priors: NAME=WIDTH each.
 
     Raises:
-        InputError: widths without a search, or a method that knows none.
+        InputError: a search or widths for a method that knows none.
     """
     from cli.calibration.shots import named_numbers
 
     reconstruction = config.reconstruction
     options: dict[str, Any] = dict(reconstruction.options)
     widths = named_numbers(priors, "--prior")
-    chosen = set_up or options.get("set_up", "known")
-    if widths and chosen != "estimate":
-        raise InputError("--prior says how well the bench is known, which --set-up estimate asks; give both")
     if reconstruction.method not in SERVED:
-        if set_up == "estimate":
-            raise InputError(f"--set-up estimate is for --method {' or '.join(SERVED)}, not {reconstruction.method}")
+        asked = "--set-up estimate" if set_up == "estimate" else "--prior" if widths else ""
+        if asked:
+            raise InputError(f"{asked} is for --method {' or '.join(SERVED)}, not {reconstruction.method}")
         return config
     if set_up is not None:
         options["set_up"] = set_up
-    before = {} if bench is None else _of_bench(bench, chosen == "estimate")
+    before = {} if bench is None else _of_bench(bench)
     known = before.pop("priors", {}) | dict(options.pop("priors", {})) | widths
     options = before | options | ({"priors": known} if known else {})
     return config.model_copy(
@@ -44,10 +42,11 @@ def told_options(config: Config, bench: str | None, set_up: str | None, priors: 
     )
 
 
-def _of_bench(path: str, is_looked_for: bool) -> dict[str, Any]:
-    """Options of a calibrated bench: its stray light, and where its numbers are looked for their deviations."""
+def _of_bench(path: str) -> dict[str, Any]:
+    """Options of a calibrated bench: its stray light, and the deviations of its numbers."""
     from warp_caustics.calibration.bench_file import read_bench
     from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+    from warp_caustics.found_bench.thin_relief import PICTURE
 
     bench = read_bench(path)
     ambient = bench.camera.ambient
@@ -55,13 +54,14 @@ def _of_bench(path: str, is_looked_for: bool) -> dict[str, Any]:
     told: dict[str, Any] = {}
     if any(value > 0 for value in stray):
         told["ambient"] = sum(stray) / len(stray)
-    if is_looked_for:
-        numbers = BenchNumbers.of(bench.whole_scene())
-        names = {p.name for p in (*numbers.parameters, *numbers.not_told)}
-        widths = {name: width for name, width in bench.priors().items() if name in names}
-        widths |= _stray_width(bench.priors(), AMBIENT)
-        told["priors"] = widths
-    return told
+    numbers, sigmas = BenchNumbers.of(bench.whole_scene()), bench.priors()
+    names = {p.name for p in (*numbers.parameters, *numbers.not_told, *PICTURE)}
+    widths = {name: width for name, width in sigmas.items() if name in names} | _stray_width(sigmas, AMBIENT)
+    # The picture's place is the camera's there; capture takes its pixels to those of the window, one to one.
+    for axis, pixel in zip("xy", bench.whole_scene().pixel_size_m, strict=True):
+        if f"shift_{axis}_px" in sigmas:
+            widths[f"screen_{axis}_m"] = sigmas[f"shift_{axis}_px"] * pixel
+    return told | ({"priors": widths} if widths else {})
 
 
 def _stray_width(priors: Mapping[str, float], name: str) -> dict[str, float]:

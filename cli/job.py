@@ -79,6 +79,8 @@ class Job:
             target: folder that :func:`cli.output.check_target` returned.
             output: the same as a person wrote it.
         """
+        from nets.reconstruct.with_causes import explained
+
         settings = capture_settings(self.capture, image)
         inputs = read_inputs({"image": image, **self.files}, self.config.scene, settings)
         self.console.warn(*inputs.capture.warnings)
@@ -90,6 +92,7 @@ class Job:
                     result, inputs = self._from_transport(inputs, progress)
                 else:
                     result = method.reconstruct(inputs.caustic, initial=inputs.initial, progress=progress)
+                result = explained(result, inputs.caustic, self.config.scene, self.started_device)
             record = result_record(result, inputs, self.config)
             write_results(folder, result, inputs, self.config, record)
         self.console.warn(*result.warnings)

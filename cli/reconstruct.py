@@ -45,7 +45,8 @@ TRANSPORT = "transport"
     "priors",
     multiple=True,
     metavar="NAME=WIDTH",
-    help="Standard deviation of a number that is told, in SI units; 0 is exact. For --set-up estimate.",
+    help="Standard deviation of a number that is told, in SI units; 0 is exact. Of the uncertainty, "
+    "and of --set-up estimate (direct, auto).",
 )
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")

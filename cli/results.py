@@ -73,7 +73,7 @@ def result_record(result: "Reconstruction", inputs: Inputs, config: Config) -> d
 
 
 def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None") -> dict[str, Any] | None:
-    """Figures of the uncertainty [um], and what share of errors it covers where the truth is known."""
+    """Figures of the uncertainty [um], its parts, and what share of errors it covers where the truth is known."""
     if result.uncertainty_m is None:
         return None
     sigma = result.uncertainty_m
@@ -81,6 +81,9 @@ def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None")
         "rms_um": float(np.sqrt(np.mean(sigma**2))) * 1e6,
         "quantile95_um": float(np.quantile(sigma, 0.95)) * 1e6,
     }
+    parts = result.counters.get("uncertainty")
+    if parts is not None:
+        record["parts"] = parts
     if reference is not None:
         error = np.abs(result.heights_m - reference)
         record |= {"within_one": float((error <= sigma).mean()), "within_two": float((error <= 2 * sigma).mean())}
@@ -147,6 +150,17 @@ def trust_lines(record: Mapping[str, Any]) -> list[str]:
     return [f"trust      {record['trust']['line']}"] if record.get("trust") else []
 
 
+def rest_lines(record: Mapping[str, Any]) -> list[str]:
+    """What the rest of the image looks like, and what of the camera is in the model; nothing where neither is known."""
+    counters = record.get("counters") or {}
+    lines = [f"rest       {counters['rest']['line']}"] if counters.get("rest") else []
+    camera = counters.get("camera") or {}
+    apart = max((abs(value) for shift in camera.get("shift_px", []) for value in shift), default=0.0)
+    blur = max(camera.get("blur_px", []), default=0.0)
+    found = [f"channels {apart:.2g} px apart"] * (apart > 0) + [f"blur of {blur:.2g} px"] * (blur > 0)
+    return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]
+
+
 def found_bench_lines(result: "Reconstruction") -> list[str]:
     """What the image told of its bench, a line for each number; none where it was not looked for."""
     from warp_caustics.found_bench.bench_record import NOT_TOLD
@@ -169,6 +183,17 @@ def _number_line(number: Mapping[str, Any]) -> str:
     return f"bench      {number['name']} {number['found']:.4g} +- {number['sigma']:.2g}{unit}, {verdict}"
 
 
+def _parts(parts: Mapping[str, Any] | None) -> str:
+    """Of what the uncertainty is made, and which of the bench's numbers makes most of that; empty where unknown."""
+    if not parts or not parts["numbers"]:
+        return ""
+    name, most = next(iter(parts["numbers"].items()))
+    return (
+        f"; the image leaves {parts['network_um']:.3g} um, the bench {parts['bench_um']:.3g} um, most by "
+        f"{name} +- {most['sigma']:.2g}"
+    )
+
+
 def _at_all(result: "Reconstruction") -> str:
     """Where the residual is of other pixels than the share that the line above tells."""
     is_judged_elsewhere = result.trust is not None and result.trust.pixels is not None
@@ -183,6 +208,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     low, high = (height * 1e3 for height in record["height_range_m"])
     lines = [
         *trust_lines(record),
+        *rest_lines(record),
         f"result     {output}: {', '.join(files)}",
         f"method     {result.method}, {len(result.history)} iterations, {sum(result.timings_s.values()):.1f} s, "
         f"stopped by {result.stop_reason.replace('_', ' ')}",
@@ -202,7 +228,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         found = record["uncertainty"]
         lines.append(
             f"uncertain  {found['rms_um']:.3g} um (root mean square), 95 % of the plate below "
-            f"{found['quantile95_um']:.3g} um"
+            f"{found['quantile95_um']:.3g} um{_parts(found.get('parts'))}"
         )
     elif record["no_uncertainty"]:
         lines.append(f"uncertain  none, because {record['no_uncertainty']}")

@@ -62,6 +62,12 @@ def trust_line(record: Mapping[str, Any]) -> str:
     return f"{line[0].upper()}{line[1:]}." if line else ""
 
 
+def rest_line(record: Mapping[str, Any]) -> str:
+    """What the rest of the image looks like, as a sentence; empty where nothing tells."""
+    line = str(mapping(mapping(record.get("counters")).get("rest")).get("line") or "")
+    return f"Left: {line}." if line else ""
+
+
 def no_uncertainty(record: Mapping[str, Any]) -> str:
     """Why the result has no uncertainty, as a sentence; empty where it has one."""
     why = str(record.get("no_uncertainty") or "")

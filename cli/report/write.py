@@ -37,7 +37,7 @@ def report_text(content: "ReportContent") -> str:
     from cli.report.number import number
     from cli.report.pictures import CAUSTIC_PIXELS, JPEG_QUALITY, STAGE_PIXELS
     from cli.report.stages import shown_stages
-    from cli.report.summary import VERDICTS, coverage, headline, key_figures, no_uncertainty, trust_line
+    from cli.report.summary import VERDICTS, coverage, headline, key_figures, no_uncertainty, rest_line, trust_line
     from cli.report.tables import (
         bench_rows,
         fibre_rows,
@@ -71,6 +71,7 @@ def report_text(content: "ReportContent") -> str:
         lit_factor=number(factor, 2),
         coverage=coverage(record),
         trust=trust_line(record),
+        rest=rest_line(record),
         no_uncertainty=no_uncertainty(record),
         caustics=_caustic_frames(content),
         regions=region_rows(found) if found else [],

@@ -52,6 +52,9 @@ from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
+PLAIN = {"bench_uncertainty": False, "causes": False}
+"""Of the network's answer, which is a start: how far it disagrees with itself, and nothing else."""
+
 
 class FromNominalOptions(Strict):
     """Settings of a reconstruction from a design."""
@@ -102,12 +105,14 @@ class FromNominal:
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
         self.refusal: str | None = None
         try:
-            self.free = methods.create("direct", scene, device=self.device, refine=False, weights=self.options.weights)
+            self.free = methods.create(
+                "direct", scene, device=self.device, refine=False, weights=self.options.weights, **PLAIN
+            )
         except (InputError, MismatchError) as error:
             if self.options.weights is not None:
                 raise
             self.refusal = str(error)
-            self.free = methods.create("auto", scene, device=self.device)
+            self.free = methods.create("auto", scene, device=self.device, **PLAIN)
 
     def reconstruct(
         self,

@@ -13,11 +13,14 @@ from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.opinions import Opinion, opinion
 from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
+from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_causes import with_causes
 from nets.shipped import FoundNetwork, find_network, told_network
 from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following
 from warp_caustics.reconstruct.seen_camera.channel_camera import TRAINED_BLUR_PX
@@ -25,7 +28,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-BENCH_OPTIONS = ("set_up", "priors", "ambient")
+BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes")
 """Those that are about the bench, which other methods take as it is told."""
 
 
@@ -45,7 +48,12 @@ class DirectOptions(RefinementOptions):
     set_up: Literal["known", "estimate"] = "known"
     """Whether the bench is as it is told, or its numbers are looked for beside the heights."""
     priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
-    """Standard deviations of what is told of it, by name; 0 is exact."""
+    """Standard deviations of what is told of it, by name; 0 is exact. Part of the uncertainty, and where numbers are
+    looked for what is believed of them before. Of others: a bench that was measured with care."""
+    bench_uncertainty: bool = True
+    """Whether the standard uncertainty knows how well the bench is known."""
+    causes: bool = True
+    """Whether what is left of the image is asked what it looks like: light, camera, dirt or a bench other than told."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
@@ -129,6 +137,10 @@ class Direct(Reconstructor):
             self.watch(found)
         if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
             found = search(image, found, answer, progress)
+        if self.options.causes and found.stop_reason != "interrupted":
+            found = with_causes(found, seen, self.simulator, self.numbers, answer)
+        if self.options.bench_uncertainty:
+            found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
 
     def found(
@@ -213,6 +225,11 @@ class Direct(Reconstructor):
                 ]
             counters["refinement"] = outcome(refined)
             timings["refinement"] = log.elapsed_s - timings["network"]
+        rest = resimulation.rest(heights, found_at) if self.options.causes and spread is not None else None
+        if rest is not None and not interrupted:
+            left = torch.as_tensor(rest.share * local_relief(heights), device=answers.device)
+            spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m, left)
+            assert spread is not None
         record = network_result(
             self.name,
             resimulation,

@@ -30,15 +30,24 @@ class Calibration:
     seed: int
     floor_m: float = 0.0
     """Added in quadrature everywhere [m, on the network's own plate]: what all answers have in common."""
+    shared: float = 0.0
+    """Of the relief around, times the share of the image's contrast that is left: what all get wrong together."""
 
 
-DIRECT_CALIBRATION = Calibration(scale=1.147, within_one=0.711, within_two=0.906, fields=60, seed=777_001)
+SHARED = 0.12
+"""What all symmetries get wrong together, fitted with what the bench leaves uncertain (docs/trust.md)."""
+
+DIRECT_CALIBRATION = Calibration(
+    scale=1.147, within_one=0.711, within_two=0.906, fields=60, seed=777_001, shared=SHARED
+)
 """Of the shipped direct network with eight symmetries and the refinement of ``refinement.py`` on a GPU
 (``benchmarks.robustness --own 777001 --fields 60 --device cuda``); 68 to 74 % lie within one in each of the cases. A
 factor of 1.059 would cover 68.3 % of these plates, but less than 60 % of those with other sections or displaced as a
 whole, so that of the weights before stays."""
 
-FAMILY_CALIBRATION = Calibration(scale=1.5, within_one=0.73, within_two=0.84, fields=10, seed=51, floor_m=1.5e-6)
+FAMILY_CALIBRATION = Calibration(
+    scale=1.0, within_one=0.75, within_two=0.84, fields=10, seed=51, floor_m=1.5e-6, shared=SHARED
+)
 """Of the shipped network that is told of its bench, with the refinement of a CPU, on benches of its family that are
 told nearly (``benchmarks.family --told nearly``, with that as its ``SEED``). Where there is relief, 68 and 89 % of the
 points lie within one and two, on the same plates that gave the factor; bare plate is covered but for bows, of up to
@@ -46,7 +55,11 @@ points lie within one and two, on the same plates that gave the factor; bare pla
 
 
 def uncertainty(
-    answers: torch.Tensor, calibration: Calibration, scale: float = 1.0, flatness_m: float = 0.0
+    answers: torch.Tensor,
+    calibration: Calibration,
+    scale: float = 1.0,
+    flatness_m: float = 0.0,
+    left: torch.Tensor | None = None,
 ) -> torch.Tensor | None:
     """Standard uncertainty of the mean answer [m], shape [n, n]; None for a single answer.
 
@@ -55,9 +68,13 @@ def uncertainty(
         calibration: of the network.
         scale: of the network's plate over the user's.
         flatness_m: standard deviation of the base from a plane [m].
+        left: relief around each sample times the share of the image's contrast that is left [m], shape [n, n]
+            (:mod:`warp_caustics.reconstruct.rest`); None where that is not known.
     """
     if len(answers) < 2:
         return None
     spread = calibration.scale * answers.std(dim=0)
-    shared = math.hypot(calibration.floor_m / scale, flatness_m)
-    return spread.square().add(shared**2).sqrt() if shared else spread
+    if left is not None and calibration.shared:
+        spread = spread.square().add((calibration.shared * left).square()).sqrt()
+    everywhere = math.hypot(calibration.floor_m / scale, flatness_m)
+    return spread.square().add(everywhere**2).sqrt() if everywhere else spread

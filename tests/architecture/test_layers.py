@@ -36,6 +36,7 @@ LAYERS = {
     "warp_caustics.reconstruct": (
         "objective plot",
         "trust",
+        "rest",
         "base",
         "exposure folds volume pyramid run_log",
         "seen_camera",

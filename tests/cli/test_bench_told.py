@@ -13,6 +13,7 @@ from warp_caustics.camera.config import CameraConfig
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
+from warp_caustics.found_bench.thin_relief import MAGNIFICATION
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
 
@@ -35,6 +36,8 @@ def bench(tmp_path):
         "ambient.1": 2e-3,
         "ambient.2": 3e-3,
         "psf_px.0": 0.1,
+        "shift_x_px": 0.1,
+        MAGNIFICATION: 1e-4,
     }
     found = tuple(parameter(name, sigma) for name, sigma in names.items())
     camera = CameraConfig(ambient=(0.01, 0.02, 0.03))
@@ -61,18 +64,24 @@ def test_set_up_and_widths_are_options_of_the_method():
     assert found == {"set_up": "estimate", "priors": {"gap_m": 1e-4, AMBIENT: 0.1}}
 
 
-def test_widths_need_a_search_and_a_search_a_method_that_has_one():
-    with pytest.raises(InputError, match="--set-up estimate asks; give both"):
-        told_options(of(), None, None, ("gap_m=1e-4",))
+def test_widths_are_of_the_uncertainty_too():
+    assert options(of(), None, None, ("gap_m=1e-4",)) == {"priors": {"gap_m": 1e-4}}
+
+
+def test_a_search_and_widths_need_a_method_that_knows_them():
+    with pytest.raises(InputError, match="--prior is for --method auto or direct, not refine"):
+        told_options(of("refine"), None, None, ("gap_m=1e-4",))
     with pytest.raises(InputError, match="is for --method auto or direct, not sfc"):
         told_options(of("sfc"), None, "estimate", ())
 
 
-def test_a_bench_tells_its_stray_light_and_where_it_is_looked_for_its_deviations(bench):
-    assert options(of(), bench, None, ()) == {"ambient": pytest.approx(0.02)}
+def test_a_bench_tells_its_stray_light_and_its_deviations(bench):
+    widths = {"gap_m": 2e-5, "vergence_per_m": 0.02, AMBIENT: pytest.approx(2e-3), MAGNIFICATION: 1e-4}
+    widths["screen_x_m"] = pytest.approx(0.1 * SCENE.pixel_size_m[0])  # the camera's shift, in its pixels
+    assert options(of(), bench, None, ()) == {"ambient": pytest.approx(0.02), "priors": widths}
     found = options(of(), bench, "estimate", ("vergence_per_m=0.5",))
-    assert found["priors"] == {"gap_m": 2e-5, "vergence_per_m": 0.5, AMBIENT: pytest.approx(2e-3)}
-    assert options(of(ambient=0.0), bench, None, ()) == {"ambient": 0.0}  # what a configuration says wins
+    assert found["priors"] == widths | {"vergence_per_m": 0.5}
+    assert options(of(ambient=0.0), bench, None, ())["ambient"] == 0.0  # what a configuration says wins
     assert options(of("refine"), bench, None, ()) == {}
 
 

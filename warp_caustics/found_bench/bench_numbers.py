@@ -1,9 +1,10 @@
 """Which numbers of a bench are looked for in one image, what is believed of them, and which no image tells."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from warp_caustics.errors import InputError
+from warp_caustics.found_bench.thin_relief import PICTURE
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_parameters, optical_values, with_optical_values
 from warp_caustics.setup.parameter import Parameter, chosen
@@ -39,12 +40,14 @@ class BenchNumbers:
         parameters: P of them, with their prior widths.
         before: values by name: the told ones.
         not_told: numbers that no image tells, with what is believed of them.
+        told_widths: how well numbers are known, by name, as the user says; 0 is exact.
     """
 
     scene: Scene
     parameters: tuple[Parameter, ...]
     before: Mapping[str, float]
     not_told: tuple[Parameter, ...]
+    told_widths: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene, priors: Mapping[str, float] | None = None, ambient: float = 0.0) -> "BenchNumbers":
@@ -52,7 +55,8 @@ class BenchNumbers:
 
         Args:
             scene: as it is told.
-            priors: standard deviations by name; 0 is known exactly and not looked for.
+            priors: standard deviations by name, of turn and size of the picture, too, which are not looked for; 0 is
+                known exactly and not looked for.
             ambient: stray light as it is told.
 
         Raises:
@@ -61,7 +65,7 @@ class BenchNumbers:
         stray = Parameter(AMBIENT, "A", "1", 0.0, MOST_AMBIENT, 0.02, "camera", "stray light")
         every = [replace(p, prior=WIDTHS.get(p.name, p.prior)) for p in (*optical_parameters(scene), stray)]
         widths = dict(priors or {})
-        chosen(widths, every)
+        chosen(widths, (*every, *PICTURE))
         wrong = {name: width for name, width in widths.items() if not width >= 0}
         if wrong:
             name, width = next(iter(wrong.items()))
@@ -75,6 +79,7 @@ class BenchNumbers:
             tuple(p for p in unknown if p.name in names),
             values,
             tuple(p for p in unknown if p.name in WHY_NOT_TOLD),
+            widths,
         )
 
     @property

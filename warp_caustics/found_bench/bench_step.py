@@ -82,7 +82,7 @@ def bench_step(
     base = model.image(heights, values)
     changes = height_changes(heights, numbers.scene.plate_size_m, min(numbers.scene.pixel_size_m))
     own = torch.zeros(2 * channels, *base.shape, dtype=base.dtype, device=base.device)
-    for channel, softer in enumerate(_laplacian(base) / 2):
+    for channel, softer in enumerate(laplacian(base) / 2):
         own[channel, channel], own[channels + channel, channel] = base[channel], softer
     columns = torch.cat(
         (model.by_numbers(heights, values, base), own, model.by_heights(heights, values, base, changes))
@@ -115,7 +115,7 @@ def bench_step(
     pull[:count] -= (at - before) / priors
     step = torch.linalg.solve(information, pull)
     step = step * min(1.0, LARGEST / max(float(step[:count].abs().max()), 1e-300))
-    spread = _spread(information, weighted * residual)[:count] * priors
+    spread = block_spread(information, weighted * residual)[:count] * priors
     # Of the told bench: near no dispersion a step of it would move nothing, however large.
     least = systematic(numbers.scene, measurement.irradiance.shape[-1])
     deviations = {name: math.hypot(s, least[name]) for name, s in zip(numbers.names, spread.tolist(), strict=True)}
@@ -148,7 +148,7 @@ def systematic(scene: Scene, pixels: int) -> dict[str, float]:
     }
 
 
-def _laplacian(images: torch.Tensor) -> torch.Tensor:
+def laplacian(images: torch.Tensor) -> torch.Tensor:
     """Sum of second differences [1/px^2], shape [n_w, m, m]; pictures are mirrored at their border."""
     wide = torch.nn.functional.pad(images, (1, 1, 1, 1), mode="replicate")
     around = wide[:, 2:, 1:-1] + wide[:, :-2, 1:-1] + wide[:, 1:-1, 2:] + wide[:, 1:-1, :-2]
@@ -156,7 +156,7 @@ def _laplacian(images: torch.Tensor) -> torch.Tensor:
     return laplacian
 
 
-def _spread(information: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
+def block_spread(information: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
     """Deviations of all unknowns in prior widths, shape [N].
 
     Args:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.data_gradient import possible_heights
@@ -14,7 +15,9 @@ from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
 from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
+from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
+from warp_caustics.reconstruct.rest import Rest
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.channel_registration import registered
@@ -94,20 +97,48 @@ class Resimulation:
         return seen_by_camera(seen, float(camera.blur.max()), float(camera.apart_px.max())) or plain
 
     def _trust(self, heights: FloatArray, found_at: int | None) -> Trust:
-        image, scene, source = self.image, self.simulator.scene, "given"
+        scene = self.simulator.scene
+        source = "estimated" if self.measurement.noise is None else "given"
+        measurement, both = self._judged(heights, found_at)
+        of_pixels = scene.image_pixels if (found_at or scene.image_pixels) < scene.image_pixels else None
+        return image_trust(measurement, both, source, lambda: fold_fraction(heights, scene), of_pixels)
+
+    def rest(self, heights: FloatArray, found_at: int | None = None) -> Rest | None:
+        """What a relief leaves of the image; arguments as of :meth:`trust`. None where its noise cannot be told."""
+        measurement, seen = self._judged(heights, found_at)
+        return None if measurement.noise is None else Rest.of(measurement, seen)
+
+    def predicted2(self, heights: FloatArray, deviation: FloatArray, found_at: int | None = None) -> float:
+        """What reliefs leave of this one's image that are off at random, each sample by its deviation: sum of squares.
+
+        Mean of two, of neighbours that go together over about one sample; at the pixels of :meth:`rest`.
+
+        Args:
+            heights: [m], shape [n, n].
+            deviation: standard [m], same shape.
+            found_at: as of :meth:`trust`.
+        """
+        pixels, generator = found_at or self.simulator.scene.image_pixels, np.random.default_rng(0)
+        weight = measurement_at(self.image, self.simulator.scene, pixels, self.simulator.device).weight
+        true, total = self._seen_at(heights, pixels), 0.0
+        for _ in range(2):
+            white = scipy.ndimage.gaussian_filter(generator.standard_normal(heights.shape), 0.7)
+            off = as_glass(heights + deviation * white / white.std(), self.simulator.scene)
+            total += float(((self._seen_at(off, pixels) - true).double() * weight).square().sum()) / 2
+        return total
+
+    def _judged(self, heights: FloatArray, found_at: int | None) -> tuple[Measurement, Seen]:
+        """The image at as many pixels as heights were found with, and what they show there."""
+        image, scene = self.image, self.simulator.scene
         if self.measurement.noise is None:
-            source = "estimated"
             image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
         pixels = found_at or scene.image_pixels
         measurement = measurement_at(image, scene, pixels, self.simulator.device)
-        seen, of_pixels = self._by_camera(self._simulated(heights)), None
-        if pixels < scene.image_pixels:
-            of_pixels = scene.image_pixels
-            means = torch.nn.functional.avg_pool2d(seen, of_pixels // pixels)
-            both = Seen(means, self._seen_at(heights, pixels))
-        else:
-            both = Seen(seen, self._seen_by_half(heights))
-        return image_trust(measurement, both, source, lambda: fold_fraction(heights, scene), of_pixels)
+        seen = self._by_camera(self._simulated(heights))
+        if pixels == scene.image_pixels:
+            return measurement, Seen(seen, self._seen_by_half(heights))
+        means = torch.nn.functional.avg_pool2d(seen, scene.image_pixels // pixels)
+        return measurement, Seen(means, self._seen_at(heights, pixels))
 
     def _seen_at(self, heights: FloatArray, pixels: int) -> torch.Tensor:
         """As the camera sees what a simulation of so many pixels gives, in units of the radiosity."""

@@ -23,6 +23,8 @@ from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_causes import with_causes
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
@@ -33,6 +35,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
+from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
@@ -68,7 +71,9 @@ class Fibres(Reconstructor):
     def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
         self.options = options or FibresOptions()
         plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
-        self.network = Direct(scene, plain.model_copy(update={"refine": False, "flatness_m": 0.0}), device)
+        self.network = Direct(
+            scene, plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False}), device
+        )
         self.device = self.network.device
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
@@ -92,7 +97,12 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
-        return self.network.asked[0].grid.result(run.result())
+        found = run.result()
+        if self.options.causes and found.stop_reason != "interrupted":
+            found = with_causes(found, image, self.network.simulator, self.network.numbers)
+        if self.options.bench_uncertainty:
+            found = with_bench(found, self.network.numbers)
+        return self.network.asked[0].grid.result(found)
 
 
 class _Run:
@@ -171,16 +181,19 @@ class _Run:
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
-            uncertainty=self._uncertainty(is_noise_left),
+            uncertainty=self._uncertainty(heights, is_noise_left),
             no_uncertainty=answer.no_uncertainty,
         )
         return dataclasses.replace(result, fibres_m=fibres)
 
-    def _uncertainty(self, is_noise_left: bool) -> FloatArray | None:
-        """That of the network, or of lines that leave nothing but noise, [m], shape [n, n]."""
+    def _uncertainty(self, heights: FloatArray, is_noise_left: bool) -> FloatArray | None:
+        """That of the network and of what is left, or of lines that leave nothing but noise, [m], shape [n, n]."""
         found = self.answer.uncertainty_m
         if found is None:
             return None
+        rest = None if is_noise_left or not self.method.options.causes else self.resimulation.rest(heights)
+        if rest is not None:
+            found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
         if is_noise_left:
             found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
         flatness_m = self.method.options.flatness_m

@@ -11,8 +11,11 @@ from nets.reconstruct.methods import ALL_METHODS, create
 from nets.reconstruct.network_io import network_image
 from nets.reconstruct.refinement import Refinement, RefinementOptions
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.reconstruct.with_causes import explained
 from nets.training.tasks import ITERATED_STEPS
 from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.found_bench import rest_causes
+from warp_caustics.found_bench.rest_causes import Cause
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.methods import METHODS
 from warp_caustics.reconstruct.result import Resimulation
@@ -81,7 +84,7 @@ def test_the_papers_method_does_ten_steps(made, image):
 
 
 def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
-    method = made("direct", is_random=True, refine=False)
+    method = made("direct", is_random=True, refine=False, bench_uncertainty=False, causes=False)
     result = method.reconstruct(image)
     assert result.counters["symmetries"] == 8
     answers = []
@@ -96,6 +99,51 @@ def test_direct_is_the_mean_of_eight_answers_and_their_spread(made, image):
     scale = float(answers.abs().max())
     np.testing.assert_allclose(result.heights_m, answers.mean(0), atol=1e-5 * scale)
     np.testing.assert_allclose(result.uncertainty_m, DIRECT_CALIBRATION.scale * answers.std(0), atol=1e-5 * scale)
+
+
+def test_the_bench_is_part_of_the_uncertainty_and_its_numbers_are_told(made, image):
+    network = made("direct", is_random=True, refine=False, bench_uncertainty=False).reconstruct(image)
+    whole = made("direct", is_random=True, refine=False, priors={"gap_m": 1e-4}).reconstruct(image)
+    assert "uncertainty" not in network.counters and (network.uncertainty_m < whole.uncertainty_m).all()
+    parts = whole.counters["uncertainty"]
+    rms = {"network": network.uncertainty_m, "whole": whole.uncertainty_m}
+    rms = {name: 1e6 * float(np.sqrt(np.mean(values**2))) for name, values in rms.items()}
+    assert parts["network_um"] == pytest.approx(rms["network"])
+    assert np.hypot(parts["network_um"], parts["bench_um"]) == pytest.approx(rms["whole"])
+    assert parts["numbers"]["gap_m"]["sigma"] == 1e-4 and set(parts["numbers"]) >= {"index_offset", "magnification"}
+
+
+def test_the_rest_of_the_image_is_asked_of_every_method(made, image):
+    """``direct`` asks itself; of others the same is asked afterwards, once."""
+    result = made("direct", is_random=True, refine=False).reconstruct(image)
+    rest = result.counters["rest"]
+    assert (
+        0 < rest["beyond_noise"] < 1
+        and rest["ratio"] > 0
+        and rest["line"].startswith(f"{100 * rest['beyond_noise']:.2g}")
+    )
+    method = made("direct", is_random=True, refine=False, causes=False)
+    plain = method.reconstruct(image)
+    assert "rest" not in plain.counters and (plain.uncertainty_m < result.uncertainty_m).all()
+    later = explained(plain, image, method.scene, "cpu")
+    assert later.counters["rest"]["beyond_noise"] == pytest.approx(rest["beyond_noise"], rel=1e-3)
+    assert explained(later, image, method.scene, "cpu") is later
+
+
+def test_a_bench_that_looks_like_another_widens_the_uncertainty(made, image, monkeypatch):
+    """By twice what the image says, for heights keep half of it; and a warning names it."""
+    plain = made("direct", is_random=True, refine=False).reconstruct(image)
+    lamp = Cause("vergence_per_m", "a lamp", 0.5, 0.1, is_bench=True)
+    monkeypatch.setattr(rest_causes, "_bench_causes", lambda *arguments: iter([lamp]))
+    wide = made("direct", is_random=True, refine=False).reconstruct(image)
+    sigma = wide.counters["uncertainty"]["numbers"]["vergence_per_m"]["sigma"]
+    assert sigma == pytest.approx(np.sqrt(0.02**2 + 1.0**2 + 0.1**2))
+    assert wide.uncertainty_m.mean() > plain.uncertainty_m.mean()
+    assert any("a lamp: 0.5 +- 0.1" in line for line in wide.warnings)
+    exact = made("direct", is_random=True, refine=False, priors={"vergence_per_m": 0.0}).reconstruct(image)
+    assert exact.counters["uncertainty"]["numbers"]["vergence_per_m"]["sigma"] == pytest.approx(
+        np.sqrt(1.0**2 + 0.1**2)
+    )
 
 
 def test_refinement_never_raises_the_residual(made, image):

@@ -1,0 +1,189 @@
+"""Are results right that say so, and wrong ones found out? Coverage and warnings of ``direct`` on benches of a seed.
+
+    python -m benchmarks.trusted [--seed 990301] [--device cpu] [--json FILE] [--rows ROW:COUNT ...]
+    python -m benchmarks.trusted --read FILE
+
+Plates and benches that nothing was fitted to: random benches of ``configs/benches`` (``careful``, ``ordinary``,
+``poor``), through their cameras, and rows of the suite ``one-thing`` with plates of the seed. The scene told is always
+the default one. Of each plate the error, the share of points within one and two standard uncertainties (all of them,
+and those with relief), the same of the spread over symmetries alone, and what the result says of itself. A result is
+wrong where its RMSE is above three times the root mean square of its uncertainty, and flagged where it warns of its
+bench or its heights.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from data_gen.bench_ranges import BenchRanges
+from data_gen.dataset_config import DatasetConfig, PhotonConfig
+from data_gen.samples import CaptureSampler
+from data_gen.suites.case import Plate, bench_plates
+from data_gen.suites.light import Light
+from data_gen.suites.one_thing import DIFFERENCES, one_case
+from data_gen.suites.shot import measured
+from nets.reconstruct.methods import create
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION
+from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.rest import local_relief
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+ROOT = Path(__file__).parents[1]
+RANDOM = ("careful", "ordinary", "poor")
+ROWS = (
+    "nothing:4", "careful:8", "ordinary:8", "poor:8", "lamp-0.3m:3", "scale-1:3", "ambient-3:3", "uneven-5:3",
+    "lamp-1m:3", "scale-0.5:3", "shift-1:3", "gap-100um:3", "apart-0.3:3", "blur-2:2", "ellipse:2", "no-dispersion:2",
+)  # fmt: skip
+PHOTONS = 6_000_000
+"""Of an image of one-thing; random benches have 4 million on a lattice."""
+LEAST_RELIEF_M = 3e-6
+WRONG = 3.0
+"""Times the stated uncertainty."""
+OF_BENCH, OF_HEIGHTS = "bench other than told", "they may be wrong by more"
+"""In warnings."""
+
+
+def plates(row: str, count: int, seed: int, device: str) -> Iterator[tuple[CausticImage, FloatArray]]:
+    """Images of a row with their true heights [m], shape [n, n]."""
+    if row in RANDOM:
+        ranges = yaml.safe_load((ROOT / "configs" / "benches" / f"{row}.yaml").read_text(encoding="utf-8"))
+        config = DatasetConfig(
+            kind="capture",
+            n_samples=10**6,
+            seed=seed,
+            clean=PhotonConfig(n_photons=4_194_304),
+            bench=BenchRanges.model_validate(ranges["data"]["bench"]),
+        )
+        sampler = CaptureSampler(config, device)
+        for number in range(count):
+            arrays = sampler.draw([number]).arrays
+            yield CausticImage(arrays["image"][0].astype(np.float32)), arrays["heights"][0].astype(np.float64)
+        return
+    light, difference = Light(device, PHOTONS), DIFFERENCES[row]
+    first = 50 * sorted(DIFFERENCES).index(row)
+    for number in range(first, first + count):
+        shot = measured(one_case(row, difference, Plate(bench_plates(seed, 10_000, difference.reliefs), number)), light)
+        yield shot.image, shot.heights_m
+
+
+def spread_alone(result: Reconstruction, scene: Scene) -> FloatArray:
+    """The uncertainty without the bench's part and what all symmetries share [m]: factor times spread, and floor."""
+    assert result.uncertainty_m is not None
+    is_told = result.settings["network"]["file"].startswith("direct-family")
+    calibration = FAMILY_CALIBRATION if is_told else DIRECT_CALIBRATION
+    widths = {name: part["sigma"] for name, part in result.counters["uncertainty"]["numbers"].items()}
+    bench = bench_uncertainty(scene, result.heights_m, widths).total_m
+    left = calibration.shared * result.counters["rest"]["of_contrast"] * local_relief(result.heights_m)
+    return np.asarray(np.sqrt(np.maximum(result.uncertainty_m**2 - bench**2 - left**2, 0.0)))
+
+
+def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArray, scene: Scene) -> dict[str, Any]:
+    """Figures of one plate."""
+    error, sigma = np.abs(result.heights_m - truth), result.uncertainty_m
+    assert sigma is not None
+    relief = (np.abs(result.heights_m) > LEAST_RELIEF_M) | (np.abs(truth) > LEAST_RELIEF_M)
+    alone = spread_alone(result, scene)
+
+    def covered(by: FloatArray, where: Any) -> list[float | None]:
+        return [float((error <= k * by)[where].mean()) if where.any() else None for k in (1, 2)]
+
+    everywhere = np.ones_like(relief)
+    return {
+        "row": row,
+        "plate": number,
+        "rmse_um": 1e6 * float(np.sqrt(np.mean(error**2))),
+        "uncertainty_um": 1e6 * float(np.sqrt(np.mean(sigma**2))),
+        "alone_um": 1e6 * float(np.sqrt(np.mean(alone**2))),
+        "within": covered(sigma, everywhere),
+        "within_relief": covered(sigma, relief),
+        "alone_within": covered(alone, everywhere),
+        "alone_within_relief": covered(alone, relief),
+        "ratio": result.counters["rest"]["ratio"],
+        "causes": [[each["name"], each["value"], each["sigma"]] for each in result.counters["rest"]["causes"]],
+        "is_flagged": any(OF_BENCH in line or OF_HEIGHTS in line for line in result.warnings),
+        "explained": None if result.trust is None else result.trust.is_explained,
+        "warnings": len(result.warnings),
+        "network": result.settings["network"]["file"],
+    }
+
+
+def is_wrong(row: dict[str, Any], by: str = "uncertainty_um") -> bool:
+    """Whether a result is worse than three times what it says."""
+    return bool(row["rmse_um"] > WRONG * row[by])
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Coverage per row of the suite, and what the warnings are worth."""
+    lines = [
+        "row            plates  RMSE    u [um]  on relief, of the spread alone -> of all      flagged  causes named"
+    ]
+    for name in dict.fromkeys(row["row"] for row in rows):
+        own = [row for row in rows if row["row"] == name]
+        causes: dict[str, int] = {}
+        for each in own:
+            for cause in dict.fromkeys(cause[0] for cause in each["causes"]):
+                causes[cause] = causes.get(cause, 0) + 1
+        lines.append(
+            f"{name:<15}{len(own):>5}{_mean(own, 'rmse_um'):>8.1f}{_mean(own, 'uncertainty_um'):>8.1f}  "
+            f"{_covered(own, 'alone_within_relief')} -> {_covered(own, 'within_relief')}"
+            f"{sum(row['is_flagged'] for row in own):>5}   "
+            + ", ".join(f"{cause} {count}" for cause, count in causes.items())
+        )
+    for key in ("within_relief", "within"):
+        lines.append(f"all, {key}: {_covered(rows, f'alone_{key}')} -> {_covered(rows, key)}; min, median, max:")
+        lines.append(f"    {_spread(rows, f'alone_{key}')} -> {_spread(rows, key)}")
+    for name, by in (("the spread alone", "alone_um"), ("all", "uncertainty_um")):
+        wrong = [row for row in rows if is_wrong(row, by)]
+        good = [row for row in rows if not is_wrong(row, by)]
+        found, false = (sum(row["is_flagged"] for row in each) for each in (wrong, good))
+        lines.append(f"wrong by {name}: {found} of {len(wrong)} flagged; good: {false} of {len(good)} flagged")
+    return lines
+
+
+def _mean(rows: Sequence[dict[str, Any]], key: str) -> float:
+    return float(np.mean([row[key] for row in rows]))
+
+
+def _covered(rows: Sequence[dict[str, Any]], key: str) -> str:
+    values = [row[key] for row in rows if row[key][0] is not None]
+    return "{:.2f}/{:.2f}".format(*np.mean(values, axis=0)) if values else "   -   "
+
+
+def _spread(rows: Sequence[dict[str, Any]], key: str) -> str:
+    values = np.array([row[key] for row in rows if row[key][0] is not None])
+    if not len(values):
+        return "-"
+    return ", ".join("{:.2f}/{:.2f}".format(*of(values, axis=0)) for of in (np.min, np.median, np.max))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=990_301)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--rows", nargs="+", default=ROWS, metavar="ROW:COUNT")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--read", type=Path, help="figures of an earlier run, to be summed up again")
+    arguments = parser.parse_args()
+    if arguments.read:
+        print("\n".join(summary(json.loads(arguments.read.read_text())["rows"])))
+        return
+    scene, rows = Scene(), []
+    method = create("direct", scene, device=arguments.device)
+    for name, _, count in (row.partition(":") for row in arguments.rows):
+        for number, (image, truth) in enumerate(plates(name, int(count), arguments.seed, arguments.device)):
+            rows.append(measured_row(name, number, method.reconstruct(image), truth, scene))
+            print(json.dumps(rows[-1]), flush=True)
+            if arguments.json:
+                arguments.json.write_text(json.dumps({"seed": arguments.seed, "rows": rows}, indent=1) + "\n")
+    print("\n".join(summary(rows)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""A result whose uncertainty knows how well the bench is known."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty, bench_widths
+from warp_caustics.found_bench.thin_relief import parameters_of
+from warp_caustics.reconstruct.base import Reconstruction
+
+KEPT_BY_HEIGHTS = 2.0
+"""By how much more than the rest of an image says a bench may be off: heights keep half of it and more to themselves
+(docs/found_bench.md)."""
+
+
+def with_bench(found: Reconstruction, numbers: BenchNumbers) -> Reconstruction:
+    """The result with the bench's part in its uncertainty, in quadrature; one without an uncertainty as it is.
+
+    ``counters["uncertainty"]`` says the parts: root mean squares over the plate [um].
+
+    Args:
+        found: heights on the grid of the numbers' scene.
+        numbers: of the bench as it is told, with what is known of them.
+    """
+    if found.uncertainty_m is None:
+        return found
+    told_of = found.counters.get("bench", {}).get("numbers", [])
+    known = {p.name for p in parameters_of(numbers.scene)}
+    # Heights answer to a bench that was found nearly as they do to the told one, whose numbers have these names.
+    widths = bench_widths(numbers.scene, numbers.told_widths, told_of)
+    # A bench that looks like another, and is used as it is told, may be that one.
+    for cause in found.counters.get("rest", {}).get("causes", []):
+        if cause["is_bench"]:
+            widths[cause["name"]] = math.hypot(
+                widths.get(cause["name"], 0.0), KEPT_BY_HEIGHTS * cause["value"], cause["sigma"]
+            )
+    widths = {name: widths[name] for name in widths if name in known}
+    part = bench_uncertainty(numbers.scene, found.heights_m, widths)
+    network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
+    whole = np.hypot(found.uncertainty_m, part.total_m)
+    record = {"network_um": 1e6 * network, **part.record}
+    return dataclasses.replace(found, uncertainty_m=whole, counters=found.counters | {"uncertainty": record})

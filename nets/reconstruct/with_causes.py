@@ -1,0 +1,78 @@
+"""A result that says what the rest of its image looks like."""
+
+import dataclasses
+
+import numpy as np
+import torch
+
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.rest_causes import rest_causes
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.pyramid import check_image
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator, usable_device
+from warp_caustics.types import FloatArray
+
+
+def with_causes(
+    found: Reconstruction,
+    image: CausticImage,
+    simulator: CausticSimulator,
+    numbers: BenchNumbers,
+    answer: FloatArray | None = None,
+) -> Reconstruction:
+    """The result with ``counters["rest"]`` and its warnings; as it is where the image's noise cannot be told.
+
+    Nor where heights are those on another bench than was told: its numbers are in ``counters["bench"]``.
+
+    Args:
+        found: on the grid of the simulator's scene, as it was told.
+        image: without the stray light that was told.
+        simulator: of that scene.
+        numbers: of that scene.
+        answer: heights before they were refined, which have made up for less of the bench [m], shape [n, n].
+    """
+    if found.counters.get("bench", {}).get("is_kept"):
+        return found
+    camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+    if "camera" in found.counters:
+        camera = ChannelCamera.of_record(found.counters["camera"], simulator.scene.image_pixels)
+    if "exposure" in found.counters:
+        seen = Resimulation(simulator, image, np.asarray(found.counters["exposure"], np.float64))
+    else:
+        seen = Resimulation(simulator, image).exposed(found.heights_m)
+    seen = seen.through(camera)
+    found_at = None if found.trust is None else found.trust.pixels
+    rest = seen.rest(found.heights_m, found_at)
+    if rest is None:
+        return found
+    predicted2 = None
+    if found.uncertainty_m is not None:
+        predicted2 = seen.predicted2(found.heights_m, found.uncertainty_m, found_at)
+    clear = BenchNumbers.of(numbers.scene, numbers.told_widths)
+    start = found.heights_m if answer is None else answer
+    causes = rest_causes(rest, start, clear, camera, simulator.device, predicted2)
+    return dataclasses.replace(
+        found,
+        counters=found.counters | {"rest": causes.record},
+        warnings=(*found.warnings, *causes.warnings()),
+    )
+
+
+def explained(found: Reconstruction, image: CausticImage, scene: Scene, device: str | torch.device) -> Reconstruction:
+    """The same for a method that does not ask itself; one that has been interrupted or asked is returned as it is.
+
+    Args:
+        found: on the grid of the scene.
+        image: as it was measured.
+        scene: as it is told.
+        device: where to simulate.
+    """
+    if found.trust is None or "rest" in found.counters or found.stop_reason == "interrupted":
+        return found
+    if found.heights_m.shape != (scene.height_samples, scene.height_samples):
+        return found
+    simulator = CausticSimulator(scene, "lattice", device=usable_device(device))
+    return with_causes(found, check_image(image, scene), simulator, BenchNumbers.of(scene))
