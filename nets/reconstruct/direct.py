@@ -195,7 +195,7 @@ class Direct(Reconstructor):
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
         spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m)
-        no_spread = self._no_uncertainty(network, len(answers))
+        no_spread = self._no_uncertainty(network, len(found.looked))
         timings = {"network": log.elapsed_s}
         found_at = None
         counters: dict[str, Any] = {"symmetries": len(answers), "refinement": "off"}
@@ -228,7 +228,7 @@ class Direct(Reconstructor):
         rest = resimulation.rest(heights, found_at) if self.options.causes and spread is not None else None
         if rest is not None and not interrupted:
             left = torch.as_tensor(rest.share * local_relief(heights), device=answers.device)
-            spread = uncertainty(answers.double(), calibration, network.seen.scale, self.options.flatness_m, left)
+            spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m, left)
             assert spread is not None
         record = network_result(
             self.name,
