@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Trains every network that ships: this project's own, and the paper's with its two ablations.
 #
-#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, two and a half hours on H200s
+#   examples/train_weights.sh OUT [--set KEY=VALUE ...]      all, three hours on H200s
 #   ONLY="denoiser updater" examples/train_weights.sh OUT    some
 #
 # A run that is there already is continued, a finished one is left alone. Further arguments go to every `nsfc train`.
@@ -10,7 +10,7 @@ out=${1:?"usage: examples/train_weights.sh OUT [--set KEY=VALUE ...]"}
 shift
 extra=("$@")
 nsfc=${NSFC:-nsfc}
-only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct-cameras direct-on direct family}
+only=${ONLY:-denoiser updater no-denoiser no-gradient own-updater own-no-denoiser own-no-gradient direct-first direct-second direct-third direct-fourth direct-cameras direct-on direct family-first family-second family}
 mkdir -p "$out"
 
 # train NAME KIND TIME OPTIONS...
@@ -74,10 +74,14 @@ train direct-on direct "${DIRECT_TIME_ON:-1065s}" --seed 6 --devices "${DEVICES:
 train direct direct "${DIRECT_LAST_TIME:-1050s}" --seed 7 --devices "${DEVICES:-1}" "${on[@]}" \
     --initial-weights "$out/direct-on/weights.safetensors"
 
-# The same told of its bench: any of a family, through any camera, in two legs. Rounded to bytes at last.
+# The same told of its bench: any of a family, through any camera, in three legs, the last with feedback. Rounded to
+# bytes at last.
 told=("${on[@]}" --config family --set training.replay.size=16384 --set training.replay.fresh_per_step=8
     --set training.steps_per_epoch=1000)
 train family-first direct "${FAMILY_TIME:-1190s}" --seed 12 --devices "${DEVICES:-1}" "${told[@]}" \
+    --set network.feedback=false \
     --initial-weights "$out/direct/weights.safetensors"
-train family direct "${FAMILY_LAST_TIME:-1180s}" --seed 17 --devices "${DEVICES:-1}" "${told[@]}" \
-    --set training.exported=int8 --initial-weights "$out/family-first/weights.safetensors"
+train family-second direct "${FAMILY_SECOND_TIME:-1180s}" --seed 17 --devices "${DEVICES:-1}" "${told[@]}" \
+    --set network.feedback=false --initial-weights "$out/family-first/weights.safetensors"
+train family direct "${FAMILY_LAST_TIME:-1020s}" --seed 19 --devices "${DEVICES:-1}" "${told[@]}" \
+    --set training.exported=int8 --initial-weights "$out/family-second/weights.safetensors"
