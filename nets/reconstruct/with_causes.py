@@ -52,8 +52,7 @@ def with_causes(
     if found.uncertainty_m is not None:
         predicted2 = seen.predicted2(found.heights_m, found.uncertainty_m, found_at)
     clear = BenchNumbers.of(numbers.scene, numbers.told_widths)
-    start = found.heights_m if answer is None else answer
-    causes = rest_causes(rest, start, clear, camera, simulator.device, predicted2)
+    causes = rest_causes(rest, found.heights_m, clear, camera, simulator.device, predicted2, answer)
     return dataclasses.replace(
         found,
         counters=found.counters | {"rest": causes.record},

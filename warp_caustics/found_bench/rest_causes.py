@@ -162,18 +162,25 @@ def rest_causes(
     camera: ChannelCamera,
     device: torch.device,
     predicted2: float | None = None,
+    answer: FloatArray | None = None,
 ) -> RestCauses:
     """Why a result leaves what it leaves.
 
     Args:
         rest: at the pixels where heights were found.
-        heights: of the result, or better of a network before they were refined [m], shape [n, n].
+        heights: of the result [m], shape [n, n].
         numbers: of the bench as it is told; without stray light, which the image no longer has.
         camera: in the model.
         device: where to simulate.
         predicted2: sum of squares that reliefs leave which are off by the uncertainty; None for none.
+        answer: of a network before it was refined, which has made up for less of the bench; of a bench far from what
+            was told it may be too wrong to tell of it, and the result is asked as well.
     """
-    bench = tuple(_bench_causes(rest, heights, numbers, camera, device))
+    bench: tuple[Cause, ...] = ()
+    for asked in (answer, heights):
+        if asked is not None and not any(cause.is_bench for cause in bench):
+            found = tuple(_bench_causes(rest, asked, numbers, camera, device))
+            bench = found if found or not bench else bench
     others = sorted((*_camera_causes(rest), *_dirt(rest)), key=lambda cause: -(cause.share or 0.0))
     ratio = None if predicted2 is None else min(math.sqrt(rest.beyond2 / max(predicted2, 1e-30)), LARGEST_RATIO)
     return RestCauses(rest.record(), (*bench, *others), ratio)
