@@ -108,7 +108,7 @@ def test_signals_are_orderly(tmp_path, inputs, number, code, last):
             line = process.stderr.readline()
             assert line, "ended before it was interrupted"
         process.send_signal(number)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate()
     finally:
         process.kill()
     assert process.returncode == code

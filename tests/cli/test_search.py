@@ -1,7 +1,6 @@
 """``nsfc search``."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -134,12 +133,13 @@ def test_a_stopped_search_says_how_to_go_on(tmp_path, number, code):
     nsfc = Path(sys.executable).with_name("nsfc")
     arguments = ["search", "denoiser", "--fresh", "-o", folder, *TINY, "--n-trials", "99", "--seed", "24"]
     process = subprocess.Popen([nsfc, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    for _ in range(600):
-        if (folder / "trials.csv").exists() or process.poll() is not None:
-            break
-        time.sleep(0.1)
-    os.kill(process.pid, number)
-    _, messages = process.communicate(timeout=60)
+    try:
+        while not (folder / "trials.csv").exists() and process.poll() is None:
+            time.sleep(0.1)
+        process.send_signal(number)
+        _, messages = process.communicate()
+    finally:
+        process.kill()
     assert process.returncode == code, messages
     assert "the same command goes on" in messages or code == 143
     assert "Traceback" not in messages

@@ -1,10 +1,12 @@
 """A small result with everything in it, and a browser without a network."""
 
+import contextlib
 import dataclasses
 import html
 import os
 import re
 import shutil
+import signal
 import subprocess
 
 import numpy as np
@@ -76,6 +78,29 @@ def bare(content):
     )
 
 
+ATTEMPTS, PATIENCE_S = 2, 140
+
+
+def printed(command, folder):
+    """What the browser prints. It is started again where it hangs: headless ones do now and then on busy machines."""
+    environment = {**os.environ, "HOME": str(folder)}
+    for attempt in range(ATTEMPTS):
+        profile = f"--user-data-dir={folder / f'profile-{attempt}'}"
+        process = subprocess.Popen(
+            [*command, profile], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, start_new_session=True
+        )
+        try:
+            return process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            continue
+        finally:
+            # Its helpers, too, which hold the pipes.
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    raise AssertionError(f"the browser hung {ATTEMPTS} times for {PATIENCE_S} s")
+
+
 @pytest.fixture
 def browse(tmp_path):
     """Opens a page; returns the attributes that its script left on the root element, and a screenshot's path."""
@@ -86,14 +111,12 @@ def browse(tmp_path):
         page, picture = tmp_path / "page.html", tmp_path / "page.png"
         page.write_text(text.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
         command = [
-            BROWSER, *OPTIONS, f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={size[0]},{size[1]}",
-            f"--force-device-scale-factor={scale}",
+            BROWSER, *OPTIONS, f"--window-size={size[0]},{size[1]}", f"--force-device-scale-factor={scale}",
             f"--screenshot={picture}", "--dump-dom", page.as_uri(),
         ]  # fmt: skip
-        run = subprocess.run(command, capture_output=True, timeout=300, env={**os.environ, "HOME": str(tmp_path)})
-        dom = run.stdout.decode("utf-8")
-        root = re.search(r"<html ([^>]*)>", dom)
-        assert root, run.stderr.decode("utf-8", "replace")[-500:]
+        output, errors = printed(command, tmp_path)
+        root = re.search(r"<html ([^>]*)>", output.decode("utf-8"))
+        assert root, errors.decode("utf-8", "replace")[-500:]
         return {name: html.unescape(value) for name, value in re.findall(r'data-([\w-]+)="([^"]*)"', root[1])}, picture
 
     return browse

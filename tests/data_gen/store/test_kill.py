@@ -29,7 +29,7 @@ def start(folder, workers, n_samples, per_shard, pause_s, *kind):
 
 def wait_for_end_of_all(process):
     """Workers share the pipe of standard output: it ends when the last of them is gone."""
-    output, errors = process.communicate(timeout=60)
+    output, errors = process.communicate()
     return [int(line) for line in output.split()], errors
 
 

@@ -97,9 +97,9 @@ def test_bombs_are_refused_by_their_header(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(BOMBS[name]())
     write_image(tmp_path / f"ok{Path(name).suffix}", np.ones((4, 4), np.float32))
     read_image(tmp_path / f"ok{Path(name).suffix}")  # the codec's own import is not what is timed
-    start = time.perf_counter()
+    start = time.process_time()  # decoding would take many seconds of it; how busy the machine is does not count
     refusal(tmp_path / name, InputError, "at most 6.4e+07 pixels")
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
 
 
 def test_size_limit_can_be_chosen(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_wrong_paths_give_one_line(tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "zero").symlink_to("/dev/zero")
     (tmp_path / "file").write_bytes(b"x")
-    start = time.perf_counter()
+    start = time.process_time()
     for path, text in {
         tmp_path: "a folder",
         tmp_path / "pipe": "a pipe",
@@ -127,7 +127,7 @@ def test_wrong_paths_give_one_line(tmp_path: Path) -> None:
         refusal(path, InputError, text)
     with pytest.raises(InputError, match="web address"):
         read_image("https://example.org/x.png")
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

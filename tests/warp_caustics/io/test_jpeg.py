@@ -124,9 +124,9 @@ REFUSED = {
 def test_bad_photos_give_one_line_at_once(tmp_path: Path, case: str) -> None:
     name, content, error, text = REFUSED[case]
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content())
-    start = time.perf_counter()
+    start = time.process_time()  # whatever else the machine does
     refusal(tmp_path / name, error, text, transfer="srgb")
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
 
 
 def test_pixels_that_are_not_square_are_reported(tmp_path: Path) -> None:
