@@ -8,7 +8,8 @@ from warp_caustics import CausticSimulator, Scene, lattice_rows
 SCENE = Scene(height_samples=20, image_pixels=48, exit_medium="glass")
 FAR = {"screen_position_m": (1e-3, -2e-3, -0.02), "exit_medium": "air"}
 
-ALL_EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost"}
+ALL_EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost", "plate_size_m": (0.01, 0.01)}
+"""On a plate so small that light meets narrow hills again."""
 
 CASES = {
     "contact": ({}, 96**2),
@@ -28,10 +29,10 @@ CASES = {
 
 
 def relief(scene: Scene, batch: int = 1, dtype: torch.dtype = torch.float64) -> torch.Tensor:
-    """Smooth and steep in places: footprints of all widths."""
+    """Smooth and steep in places: footprints of all widths; narrow hills where light may meet them again."""
     n = scene.height_samples
     rough = torch.rand(batch, 1, n, n, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
-    smooth = torch.nn.functional.avg_pool2d(rough, 3, 1, 1)
+    smooth = torch.nn.functional.avg_pool2d(rough, 3, 1, 1) if scene.second_hits == "ignored" else rough * (rough > 0.8)
     return (1.5e-3 * smooth * torch.linspace(0, 1, n) ** 2)[:, 0].to(dtype)
 
 
@@ -74,6 +75,10 @@ def test_rows_are_the_photons_one_by_one(name, dtype):
     for a, b in zip(found, expected, strict=True):
         assert float((a - b).abs().max()) <= tolerance * float(b.abs().max())
     assert (float(expected[0].max()) == 0) == (name == "out of sight")
+    if scene.second_hits == "lost":
+        engine = simulator.engine
+        ((_, positions),) = engine.chunks(1)
+        assert (engine.clear_paths(engine.coefficients(heights), engine.photons(positions)) == 0).any()
     if name != "out of sight":
         assert float(found[0].double().sum() / expected[0].double().sum() - 1) == pytest.approx(0, abs=1e-6)
 
