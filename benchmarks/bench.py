@@ -4,7 +4,8 @@
     python -m benchmarks.bench                      # the tables anew, from the stored figures
 
 ``make bench-lab`` runs all suites and then this. Of each suite, method and row the file holds the figures of every
-plate, and on what they were computed. A row of a run replaces the stored row, unless that has more plates.
+plate, and on what and with which networks they were computed. A row of a run replaces the stored row, unless that has
+more plates; rows of earlier networks have a star in the tables.
 """
 
 import json
@@ -36,6 +37,10 @@ FIGURES = (
 """Of each plate."""
 MEASURED_WITH = ("direct", "direct-family")
 """Networks whose hash is stored: those of the methods that the tables show."""
+
+
+WITH_NETWORKS = ("direct", "fibres")
+"""Methods whose figures are theirs; of a row that was measured with earlier ones a star tells."""
 
 
 def stored() -> dict[str, Any]:
@@ -79,6 +84,7 @@ def collect(tree: dict[str, Any], run: Mapping[str, Any], weights: Mapping[str, 
             "reasons": reasons,
             "device": about["device"],
             "code": about["code"][:12],
+            "weights": {name: weights[name] for name in MEASURED_WITH},
         }
     tree["weights"] = {name: weights[name] for name in MEASURED_WITH}
 
@@ -108,7 +114,10 @@ def table(tree: Mapping[str, Any], suite: str) -> list[str]:
     for name, title in titles(suite).items():
         cells = [f"{title}", _flat(found, name)]
         for method in methods:
-            cells += method_cells(found[method].get(name))
+            figures = found[method].get(name)
+            cells += method_cells(figures)
+            if figures is not None and method in WITH_NETWORKS and figures.get("weights") != tree["weights"]:
+                cells[-5] += " \\*"
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

@@ -72,7 +72,7 @@ PLACES = (
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
-    Place("docs/any_image.md", "## What it costs", {**DIRECT, **OLD_FAMILY}, "python -m benchmarks.any_image --force"),
+    Place("docs/any_image.md", "## What it costs", {**DIRECT, **FAMILY}, "python -m benchmarks.any_image --force"),
     Place("docs/found_bench.md", "## Measured", {**DIRECT, **OLD_FAMILY}, "python -m benchmarks.found_bench"),
     Place("docs/lab.md", "## What the walk takes", DIRECT, "make demo"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),

@@ -48,6 +48,15 @@ def test_what_is_stored_is_of_cases_that_there_are():
                 assert {len(row[name]) for name in FIGURES} == {row["done"]}
 
 
+def test_rows_of_earlier_networks_have_a_star():
+    tree = {"suites": {}}
+    collect(tree, run(), WEIGHTS)
+    (now,) = (line for line in table(tree, "lab") if line.startswith("| careful"))
+    tree["weights"] = {**WEIGHTS, "direct-family": "another"}
+    (later,) = (line for line in table(tree, "lab") if line.startswith("| careful"))
+    assert later == now.replace("| 12.3 |", "| 12.3 \\* |") != now
+
+
 def test_the_page_counts_the_suites():
     text = PAGE.read_text(encoding="utf-8")
     counts = {name: (len({case.row for case in suite_cases(name)}), SUITES[name].plates) for name in SUITES}

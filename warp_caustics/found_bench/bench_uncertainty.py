@@ -23,14 +23,17 @@ BASE_M = 5e-6
 """Of a micrometer screw, and the plate's own variation."""
 GAP_M = 1e-5
 """Of a feeler gauge or a spacer."""
+CONTACT_M = 3e-6
+"""Of a plate that lies on its screen: dust, and what both are not flat."""
 INDEX = 3e-4
 """Of a melt against its catalogue: glass of grade 3 is within 0.0005."""
 LAMP_DISTANCE = 0.01
 """Of a lamp's distance, relative."""
 VERGENCE_PER_M = 0.02
 """Of light that is collimated: the lamp's image is 50 m away or farther."""
-CORNER_PX = 0.1
-"""Of each of the window's corners, along x and along y; what four of them leave of its place, turn and size."""
+CORNER_PX = 0.05
+"""Of each of the window's corners, along x and along y, where two edges cross that are fitted along all their length;
+what four of them leave of its place, turn and size."""
 IN_DOUBT = "in doubt"
 
 
@@ -43,7 +46,7 @@ def careful_widths(scene: Scene) -> dict[str, float]:
     window = corner / (max(scene.plate_size_m) * math.sqrt(2))
     widths = {
         "base_thickness_m": BASE_M,
-        "gap_m": GAP_M,
+        "gap_m": GAP_M if scene.screen_position_m[2] < 0 else CONTACT_M,
         "index_offset": INDEX,
         "screen_x_m": corner / 2,
         "screen_y_m": corner / 2,
