@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 import warp as wp
 
-from warp_caustics.chunked import warp_array, warp_stream
+from warp_caustics.chunked import on_all_cores, warp_array, warp_stream
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.kernels import line_derivatives
 from warp_caustics.prints.line import COSINE_EXPONENT, Line, Section
@@ -22,6 +22,9 @@ WIDTH, HEIGHT = 4, 5
 """Columns."""
 LARGEST_STEP_M = (1.5e-3, 1.5e-3, 1.5e-3, 1.5e-3, 5e-4, 4e-4)
 """Largest change of each column in one step of a fit [m]: from further away the derivatives tell nothing."""
+
+LINES_AT_ONCE = 3
+"""Rendered by one core of a CPU at a time."""
 
 
 @dataclass(frozen=True)
@@ -93,18 +96,27 @@ class LineModel:
         derivatives = torch.empty(count, len(LINE_COLUMNS), n, n, device=self.device)
         if not count:
             return heights, derivatives
-        pitch_x, pitch_y = self.scene.sample_pitch_m
         rows = lines.to(self.device, torch.float32).contiguous()
+        if self.device.type == "cuda" or count < 2 * LINES_AT_ONCE:
+            self._launch(rows, heights, derivatives)
+            return heights, derivatives
+        # A launch of Warp runs on one core of a CPU.
+        pieces = [slice(first, first + LINES_AT_ONCE) for first in range(0, count, LINES_AT_ONCE)]
+        for _ in on_all_cores(lambda piece: self._launch(rows[piece], heights[piece], derivatives[piece]), pieces):
+            pass
+        return heights, derivatives
+
+    def _launch(self, rows: torch.Tensor, heights: torch.Tensor, derivatives: torch.Tensor) -> None:
+        pitch_x, pitch_y = self.scene.sample_pitch_m
         exponent = COSINE_EXPONENT[self.section]
         with warp_stream(self.device):
             wp.launch(
                 line_derivatives,
                 dim=heights.shape,
-                inputs=[warp_array(rows), exponent, pitch_x, pitch_y, n, self.supersampling],
+                inputs=[warp_array(rows), exponent, pitch_x, pitch_y, self.n, self.supersampling],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
-        return heights, derivatives
 
     def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together [m], shape [n, n], float32."""

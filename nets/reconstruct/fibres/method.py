@@ -33,7 +33,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
-from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
@@ -189,7 +189,10 @@ class _Run:
     @cached_property
     def discrepancy(self) -> Discrepancy:
         """What is left of the image."""
-        return Discrepancy(self.method.scene, self.image, self.method.device)
+        image, scene = self.image, self.method.scene
+        if image.noise_std is None:
+            image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
+        return Discrepancy(scene, image, self.method.device)
 
     def _relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
 from warp_caustics.prints.model import LineModel
@@ -25,6 +25,9 @@ JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
+
+METRIC_PHOTONS_PER_PIXEL = 4
+"""Of the differences that descents take their metric from, on the fewest pixels."""
 
 FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
@@ -81,13 +84,18 @@ class LineSearch:
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
-        def fit(size: int) -> ImageFit:
-            return ImageFit(scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report)
-
-        self.coarse = self.fine = fit(pixels)
-        self.last = fit(scene.image_pixels) if pixels < scene.image_pixels else None
-        if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
-            self.coarse = ImageFit(scene, image, model, pixels // 2, report=report)
+        # One wavelength tells which lines there are, and nearly where; all of them tell better where.
+        seen, told = of_wavelength(image, scene, clearest_wavelength(image, scene))
+        is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
+        few = pixels // 2 if is_halved else pixels
+        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL)
+        finely = {"photons_per_pixel": FINE_PHOTONS_PER_PIXEL, "report": report, "metric": metric}
+        self.coarse = self.fine = ImageFit(told, seen, model, pixels, **finely)
+        if is_halved:
+            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric)
+        self.last = None
+        if pixels < scene.image_pixels or scene.n_wavelengths > 1:
+            self.last = ImageFit(scene, image, model, scene.image_pixels, **finely)
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
         """Lines that explain the image better, shape [L, 6] [m].
