@@ -8,12 +8,13 @@ only: a fit takes the Jacobian as it comes and moves lines by :meth:`LineModel.m
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import warp as wp
 
 from warp_caustics.chunked import on_all_cores, warp_array, warp_stream
 from warp_caustics.kernels.runtime import start_warp
-from warp_caustics.prints.kernels import line_derivatives
+from warp_caustics.prints.kernels import line_derivatives, line_derivatives_by_row
 from warp_caustics.prints.line import COSINE_EXPONENT, Line, Section
 from warp_caustics.scene import Scene
 
@@ -23,7 +24,7 @@ WIDTH, HEIGHT = 4, 5
 LARGEST_STEP_M = (1.5e-3, 1.5e-3, 1.5e-3, 1.5e-3, 5e-4, 4e-4)
 """Largest change of each column in one step of a fit [m]: from further away the derivatives tell nothing."""
 
-LINES_AT_ONCE = 3
+LINES_AT_ONCE = 6
 """Rendered by one core of a CPU at a time."""
 
 
@@ -92,8 +93,8 @@ class LineModel:
         """
         start_warp()
         n, count = self.n, len(lines)
-        heights = torch.empty(count, n, n, device=self.device)
-        derivatives = torch.empty(count, len(LINE_COLUMNS), n, n, device=self.device)
+        heights = _zeros(count, n, n, device=self.device)
+        derivatives = _zeros(count, len(LINE_COLUMNS), n, n, device=self.device)
         if not count:
             return heights, derivatives
         rows = lines.to(self.device, torch.float32).contiguous()
@@ -109,10 +110,11 @@ class LineModel:
     def _launch(self, rows: torch.Tensor, heights: torch.Tensor, derivatives: torch.Tensor) -> None:
         pitch_x, pitch_y = self.scene.sample_pitch_m
         exponent = COSINE_EXPONENT[self.section]
+        is_cuda = self.device.type == "cuda"
         with warp_stream(self.device):
             wp.launch(
-                line_derivatives,
-                dim=heights.shape,
+                line_derivatives if is_cuda else line_derivatives_by_row,
+                dim=heights.shape if is_cuda else heights.shape[:2],
                 inputs=[warp_array(rows), exponent, pitch_x, pitch_y, self.n, self.supersampling],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
@@ -135,3 +137,10 @@ class LineModel:
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:
         """Lines within the limits, shape [L, 6] [m]."""
         return torch.minimum(torch.maximum(lines, self._low), self._high)
+
+
+def _zeros(*shape: int, device: torch.device) -> torch.Tensor:
+    """Zeros that take memory only where something is written; on a GPU, which writes everything, anything."""
+    if device.type == "cuda":
+        return torch.empty(shape, device=device)
+    return torch.from_numpy(np.zeros(shape, dtype=np.float32))

@@ -89,13 +89,18 @@ class LineSearch:
         is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
         few = pixels // 2 if is_halved else pixels
         metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL)
-        finely = {"photons_per_pixel": FINE_PHOTONS_PER_PIXEL, "report": report, "metric": metric}
-        self.coarse = self.fine = ImageFit(told, seen, model, pixels, **finely)
+
+        def finely(scene: Scene, image: CausticImage, size: int) -> ImageFit:
+            return ImageFit(
+                scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report, metric=metric
+            )
+
+        self.coarse = self.fine = finely(told, seen, pixels)
         if is_halved:
             self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric)
         self.last = None
         if pixels < scene.image_pixels or scene.n_wavelengths > 1:
-            self.last = ImageFit(scene, image, model, scene.image_pixels, **finely)
+            self.last = finely(scene, image, scene.image_pixels)
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
         """Lines that explain the image better, shape [L, 6] [m].
