@@ -8,8 +8,7 @@ import dataclasses
 
 import torch
 
-from nets.reconstruct.fibres.image_fit import BORDER_PIXELS
-from nets.reconstruct.fibres.search import FINE_PHOTONS_PER_PIXEL
+from nets.reconstruct.fibres.image_fit import BORDER_PIXELS, FINE_PHOTONS_PER_PIXEL
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene

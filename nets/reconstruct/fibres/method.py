@@ -39,6 +39,9 @@ from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
+HOPELESS_SHARE = 0.25
+"""Where lines leave less than this share of what the network's relief leaves, that is not refined: it would not win."""
+
 
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
@@ -142,16 +145,16 @@ class _Run:
                 is_noise_left = is_explained(self.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
-            candidates = [self._refined(answer.heights_m)]
+            candidates = {}
             if fibres is not None:
-                candidates.append(self._refined(heights))
-            best = min(candidates, key=lambda candidate: candidate.residual)
-            heights, counters["refinement"] = best.heights, best.outcome
+                candidates["fibres"] = self._refined(heights)
+            if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * answer.residual:
+                candidates["network"] = self._refined(answer.heights_m)
+            winner = min(candidates, key=lambda name: candidates[name].residual)
+            heights, counters["refinement"] = candidates[winner].heights, candidates[winner].outcome
             if fibres is not None:
-                counters["residual_of_refined_network"], counters["residual_of_refined_fibres"] = (
-                    candidate.residual for candidate in candidates
-                )
-            if best is candidates[0]:
+                counters |= {f"residual_of_refined_{name}": found.residual for name, found in candidates.items()}
+            if winner == "network":
                 fibres, counters["explained_by"] = None, "network"
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["discrepancy"] = left = self.discrepancy(heights)
@@ -216,7 +219,7 @@ class _Run:
             jumps=method.options.jumps,
             iterations=self.iterations,
             answer=Answer(relief_m, spread_m, most),
-            is_explained=lambda lines: is_explained(self.discrepancy(self._relief(lines))),
+            discrepancy=lambda lines: self.discrepancy(self._relief(lines)),
             report=self._note,
         )
         try:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import torch
 
-from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
 from warp_caustics.prints.model import LineModel
@@ -22,15 +23,14 @@ of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of 
 JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 """Lines that may jump in the first round and in others, those with the worst misfit under them."""
 
-FINE_PHOTONS_PER_PIXEL = 8
-"""With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
-true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
-
 METRIC_PHOTONS_PER_PIXEL = 4
 """Of the differences that descents take their metric from, on the fewest pixels."""
 
 FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
+
+FAR_OF_NOISE = 5.0
+"""Discrepancy above which a descent on all pixels does not bring lines down to noise: 1.1 to 3.3 came down to it."""
 
 ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
@@ -62,8 +62,8 @@ class LineSearch:
         jumps: rounds of growth and jumps, at most; 0 where lines are known to be nearly right.
         iterations: of L-BFGS between jumps.
         answer: of the network, which tells where lines may be missing; None leaves their number.
-        is_explained: tells of lines whether they leave nothing but noise; where they do not, the search goes on with
-            more pixels. None ends it.
+        discrepancy: what lines leave of the image, in units of its noise; where it is more than noise, the search goes
+            on with more pixels. None ends it.
         report: called after each evaluation with its loss; may raise.
     """
 
@@ -77,10 +77,10 @@ class LineSearch:
         jumps: int,
         iterations: int = ITERATIONS,
         answer: Answer | None = None,
-        is_explained: Callable[[torch.Tensor], bool] | None = None,
+        discrepancy: Callable[[torch.Tensor], float | None] | None = None,
         report: Callable[[float], None] | None = None,
     ):
-        self.jumps, self.iterations, self.answer, self.is_explained = jumps, iterations, answer, is_explained
+        self.jumps, self.iterations, self.answer, self.discrepancy = jumps, iterations, answer, discrepancy
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
@@ -114,16 +114,24 @@ class LineSearch:
             self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
             self.lines = self.fine.descend(start, self.iterations).lines
-        self._finish()
-        for _ in range(FINE_ROUNDS if self.jumps else 0):
-            if self.is_explained is None or self.is_explained(self.lines):
-                break
+        for _ in range(FINE_ROUNDS if self.jumps and self.discrepancy is not None else 0):
+            if self._is_solved():
+                return self.lines
             before = self.lines
             self.lines = self._searched(self.fine, self.lines, rounds=1)
             if torch.equal(self.lines, before):
                 break
-            self._finish()
+        self._finish()
         return self.lines
+
+    def _is_solved(self) -> bool:
+        """Whether lines leave nothing but noise, after a descent on all pixels; far from that it would be wasted."""
+        assert self.discrepancy is not None
+        left = self.discrepancy(self.lines)
+        if left is not None and left > FAR_OF_NOISE:
+            return False
+        self._finish()
+        return is_explained(self.discrepancy(self.lines))
 
     def _finish(self) -> None:
         if self.last is not None:
