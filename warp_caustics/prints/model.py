@@ -26,6 +26,8 @@ LARGEST_STEP_M = (1.5e-3, 1.5e-3, 1.5e-3, 1.5e-3, 5e-4, 4e-4)
 
 LINES_AT_ONCE = 6
 """Rendered by one core of a CPU at a time."""
+EXPONENT_STEP = 0.01
+"""Of differences by the exponent, relative to it: errs by 1e-4 of them, float32 by as much."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,9 @@ class LineModel:
         device: where to compute.
         limits: what a line may be.
         supersampling: a sample is the mean of supersampling^2 points of its cell; 1 takes the height at its centre.
+
+    Attributes:
+        exponent: g of the section cos(pi r / w)^(2 g), that of ``section`` to begin with; a fit may move it.
     """
 
     def __init__(
@@ -75,6 +80,7 @@ class LineModel:
     ):
         self.scene, self.section, self.device = scene, section, torch.device(device)
         self.limits, self.supersampling = limits or Limits(), supersampling
+        self.exponent = COSINE_EXPONENT[section]
         self.n = scene.height_samples
         half = torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2 * self.limits.reach
         (low_w, high_w), (low_h, high_h) = self.limits.width_m, self.limits.height_m
@@ -109,16 +115,32 @@ class LineModel:
 
     def _launch(self, rows: torch.Tensor, heights: torch.Tensor, derivatives: torch.Tensor) -> None:
         pitch_x, pitch_y = self.scene.sample_pitch_m
-        exponent = COSINE_EXPONENT[self.section]
         is_cuda = self.device.type == "cuda"
         with warp_stream(self.device):
             wp.launch(
                 line_derivatives if is_cuda else line_derivatives_by_row,
                 dim=heights.shape if is_cuda else heights.shape[:2],
-                inputs=[warp_array(rows), exponent, pitch_x, pitch_y, self.n, self.supersampling],
+                inputs=[warp_array(rows), self.exponent, pitch_x, pitch_y, self.n, self.supersampling],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
+
+    def sketched(self, supersampling: int) -> "LineModel":
+        """The same lines and section, with fewer points per cell."""
+        sketch = LineModel(self.scene, self.section, self.device, self.limits, supersampling)
+        sketch.exponent = self.exponent
+        return sketch
+
+    def by_exponent(self, lines: torch.Tensor) -> torch.Tensor:
+        """Derivative of the relief by the exponent [m], shape [n, n], by a central difference."""
+        given, found = self.exponent, []
+        try:
+            for sign in (1, -1):
+                self.exponent = given * (1 + sign * EXPONENT_STEP)
+                found.append(self.heights(lines))
+        finally:
+            self.exponent = given
+        return (found[0] - found[1]) / (2 * given * EXPONENT_STEP)
 
     def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together [m], shape [n, n], float32."""

@@ -15,6 +15,7 @@ import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.sections import EXPONENTS
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.scene import Scene
@@ -152,53 +153,76 @@ class ImageFit:
             jacobian = torch.cat(rows)
             return ((jacobian * weight) @ jacobian.T).double().cpu()
 
-    def descend(self, lines: torch.Tensor, iterations: int) -> Fitted:
+    def descend(self, lines: torch.Tensor, iterations: int, *, with_section: bool = False) -> Fitted:
         """Lines that explain the image better; never worse.
 
         Args:
             lines: where to start, shape [L, 6] [m], float64.
             iterations: of L-BFGS, at most.
+            with_section: the model's exponent is found with them, and left at its best.
         """
         if not len(lines):
             return Fitted(lines, self.loss(self.model.heights(lines)))
-        to_lines, back = self._coordinates(lines)
-        best = Fitted(lines, np.inf)
+        model = self.model
+        start = lines.numpy().ravel()
+        if with_section:
+            start = np.append(start, model.exponent)
+        to_numbers, back = self._coordinates(lines, start)
+        best, exponent = Fitted(lines, np.inf), model.exponent
 
         def objective(u: FloatArray) -> tuple[float, FloatArray]:
-            moved = self.model.clamped(to_lines(u))
-            heights, jacobian = self.model.with_jacobian(moved)
+            nonlocal exponent
+            numbers = to_numbers(u)
+            moved = model.clamped(torch.from_numpy(numbers[: lines.numel()].reshape(lines.shape)))
+            if with_section:
+                model.exponent = float(np.clip(numbers[-1], *EXPONENTS))
+            heights, jacobian = self._rendered(moved, with_section)
             loss, gradient = self.with_gradient(heights)
             if loss < best.loss:
-                best.lines, best.loss = moved, loss
+                best.lines, best.loss, exponent = moved, loss, model.exponent
             if self.report is not None:
                 self.report(loss)
-            by_line = (jacobian.flatten(1) @ gradient.reshape(-1)).double().cpu().numpy()
-            return LOSS_SCALE * loss, LOSS_SCALE * back(by_line)
+            by_number = (jacobian.flatten(1) @ gradient.reshape(-1)).double().cpu().numpy()
+            return LOSS_SCALE * loss, LOSS_SCALE * back(by_number)
 
         settings = {"maxiter": iterations, "maxfun": int(1.3 * iterations) + 2, "maxcor": 30, "ftol": CONVERGED}
-        scipy.optimize.minimize(objective, np.zeros(lines.numel()), jac=True, method="L-BFGS-B", options=settings)
+        try:
+            scipy.optimize.minimize(objective, np.zeros(len(start)), jac=True, method="L-BFGS-B", options=settings)
+        finally:
+            model.exponent = exponent
         return best
 
-    def _coordinates(
-        self, lines: torch.Tensor
-    ) -> tuple[Callable[[FloatArray], torch.Tensor], Callable[[FloatArray], FloatArray]]:
-        """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow."""
+    def _rendered(self, lines: torch.Tensor, with_section: bool) -> tuple[torch.Tensor, torch.Tensor]:
+        """Relief [m], shape [n, n], and its derivatives by all numbers of a descent, shape [P, n, n]."""
         heights, derivatives = self.model.with_jacobian(lines)
+        if with_section:
+            derivatives = torch.cat([derivatives, self.model.by_exponent(lines)[None]])
+        return heights, derivatives
+
+    def _coordinates(
+        self, lines: torch.Tensor, start: FloatArray
+    ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
+        """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow."""
+        heights, derivatives = self._rendered(lines, len(start) > lines.numel())
         seen = self.metric.normal_matrix(heights, derivatives).numpy()
         flat = derivatives.flatten(1)
         printed = (flat @ flat.T).double().cpu().numpy()
-        seen += HEIGHT_SHARE * max(np.trace(seen), 1e-30) / max(np.trace(printed), 1e-30) * printed
+        # The exponent has another unit than lengths: it has its share of the image only.
+        printed[lines.numel() :] = printed[:, lines.numel() :] = 0
+        lengths = slice(0, lines.numel())
+        share = max(np.trace(seen[lengths, lengths]), 1e-30) / max(np.trace(printed), 1e-30)
+        seen += HEIGHT_SHARE * share * printed
         diagonal = np.diag(seen)
-        scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal.max()))
+        scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal[lengths].max()))
         unit = LOSS_SCALE * seen / np.outer(scale, scale)
         factor = np.linalg.cholesky(unit + RIDGE_REGULARISATION * np.eye(len(scale)))
-        start = lines.numpy().ravel()
 
-        def to_lines(u: FloatArray) -> torch.Tensor:
-            return torch.from_numpy((start + np.linalg.solve(factor.T, u) / scale).reshape(lines.shape))
+        def to_numbers(u: FloatArray) -> FloatArray:
+            moved: FloatArray = start + np.linalg.solve(factor.T, u) / scale
+            return moved
 
         def back(gradient: FloatArray) -> FloatArray:
             pulled: FloatArray = np.linalg.solve(factor, gradient / scale)
             return pulled
 
-        return to_lines, back
+        return to_numbers, back

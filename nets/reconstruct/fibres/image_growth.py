@@ -88,7 +88,7 @@ def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: to
 
 def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -> torch.Tensor:
     """Lines along what is unexplained, fitted to it, shape [K, 6] [m]; of several starts the best."""
-    sketch = LineModel(model.scene, model.section, model.device, model.limits, SUPERSAMPLING)
+    sketch = model.sketched(SUPERSAMPLING)
     view = rest_m / (1 + (spread_m / UNSURE_M).square()).sqrt()
     view = torch.where(view > LOWEST_LINE_M, view, 0.0)
     sigma = (spread_m.square() + UNSURE_M**2).sqrt()

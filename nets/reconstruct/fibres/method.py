@@ -10,7 +10,7 @@ import dataclasses
 import time
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -46,8 +46,8 @@ HOPELESS_SHARE = 0.25
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
 
-    profile: Section = "cosine"
-    """Of a line across."""
+    profile: Section | Literal["found"] = "cosine"
+    """Of a line across; ``found`` finds g of cos(pi r / w)^(2 g), one for all lines, with the lines."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
@@ -76,7 +76,7 @@ class Fibres(Reconstructor):
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
-        self.model = LineModel(scene, self.options.profile, self.device)
+        self.finds_section = self.options.profile == "found"
 
     def reconstruct(
         self,
@@ -110,6 +110,8 @@ class _Run:
         progress: ProgressCallback | None,
     ):
         self.method, self.answer = method, answer
+        profile = method.options.profile
+        self.model = LineModel(method.scene, "cosine" if profile == "found" else profile, method.device)
         exposure = np.asarray(answer.counters["exposure"])
         camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
         # Lines are looked for in channels that lie together; blur is in the model where reliefs are refined and judged.
@@ -135,6 +137,8 @@ class _Run:
         heights, fibres = answer.heights_m, None
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
         counters["camera"] = self.resimulation.camera.record
+        if method.finds_section:
+            counters["section_exponent"] = self.model.exponent
         is_noise_left = False
         if len(self.lines):
             found = self._relief(self.lines)
@@ -199,7 +203,7 @@ class _Run:
 
     def _relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""
-        return as_glass(self.method.model.heights(lines).double().cpu().numpy(), self.method.scene)
+        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.method.scene)
 
     def _fit(self) -> None:
         method, scene = self.method, self.method.scene
@@ -209,15 +213,16 @@ class _Run:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
         pixels = method.options.pixels_on(method.device.type, scene)
         most = method.options.most_lines
-        start = lines_of_relief(method.model, heights, spread, most=most)
+        start = lines_of_relief(self.model, heights, spread, most=most)
         relief_m, spread_m = (values.to(method.device, torch.float32) for values in (heights, spread))
         search = LineSearch(
             scene,
             self.image,
-            method.model,
+            self.model,
             pixels,
             jumps=method.options.jumps,
             iterations=self.iterations,
+            finds_section=method.finds_section,
             answer=Answer(relief_m, spread_m, most),
             discrepancy=lambda lines: self.discrepancy(self._relief(lines)),
             report=self._note,

@@ -9,6 +9,7 @@ from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.fibres.section import with_section_found
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -61,6 +62,7 @@ class LineSearch:
         pixels: size of the image for most of the work; jumps are tried at half as many, where the heights allow it.
         jumps: rounds of growth and jumps, at most; 0 where lines are known to be nearly right.
         iterations: of L-BFGS between jumps.
+        finds_section: the model's exponent is found with the lines.
         answer: of the network, which tells where lines may be missing; None leaves their number.
         discrepancy: what lines leave of the image, in units of its noise; where it is more than noise, the search goes
             on with more pixels. None ends it.
@@ -76,11 +78,13 @@ class LineSearch:
         *,
         jumps: int,
         iterations: int = ITERATIONS,
+        finds_section: bool = False,
         answer: Answer | None = None,
         discrepancy: Callable[[torch.Tensor], float | None] | None = None,
         report: Callable[[float], None] | None = None,
     ):
         self.jumps, self.iterations, self.answer, self.discrepancy = jumps, iterations, answer, discrepancy
+        self.finds_section = finds_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
@@ -108,12 +112,15 @@ class LineSearch:
         Args:
             start: shape [L, 6] [m], float64.
         """
+        if self.finds_section:
+            start = with_section_found(self.coarse, start)
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
-            found = self.fine.descend(self._searched(self.coarse, start), self.iterations // 2)
+            coarse = self._searched(self.coarse, start)
+            found = self.fine.descend(coarse, self.iterations // 2, with_section=self.finds_section)
             self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
-            self.lines = self.fine.descend(start, self.iterations).lines
+            self.lines = self.fine.descend(start, self.iterations, with_section=self.finds_section).lines
         for _ in range(FINE_ROUNDS if self.jumps and self.discrepancy is not None else 0):
             if self._is_solved():
                 return self.lines
@@ -135,7 +142,8 @@ class LineSearch:
 
     def _finish(self) -> None:
         if self.last is not None:
-            self.lines = self.last.descend(self.lines, min(FINAL_ITERATIONS, self.iterations)).lines
+            iterations = min(FINAL_ITERATIONS, self.iterations)
+            self.lines = self.last.descend(self.lines, iterations, with_section=self.finds_section).lines
 
     def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> torch.Tensor:
         """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time."""
