@@ -34,7 +34,7 @@ BORDER_PIXELS = 1
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
-CONVERGED = 1e-4
+CONVERGED = 1e-5
 """Of the loss, see ``ftol`` of L-BFGS-B."""
 LOSS_SCALE = 1e3
 """L-BFGS-B's tolerances are absolute, and its first step has length one."""
