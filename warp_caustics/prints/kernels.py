@@ -139,6 +139,53 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
     return print_strokes
 
 
+LineCell = wp.types.vector(length=7, dtype=wp.float32)
+"""Height of one line in a cell [m], and its derivatives by the line's six numbers [1]."""
+
+
+@no_type_check
+@wp.func
+def line_cell(
+    lines: wp.array2d[wp.float32],
+    k: wp.int32,
+    i: wp.int32,
+    j: wp.int32,
+    exponent: wp.float32,
+    pitch: wp.vec2,
+    samples: wp.int32,
+    supersampling: wp.int32,
+) -> LineCell:
+    """``LineCell`` of line k in row i and column j; cosines only."""
+    start = wp.vec2(lines[k, 0], lines[k, 1])
+    along = wp.vec2(lines[k, 2], lines[k, 3]) - start
+    inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
+    width = lines[k, 4]
+    height = lines[k, 5]
+    found = LineCell()
+    for sub in range(-1, supersampling * supersampling):
+        # The first round is the cell's centre: most cells are far from the line.
+        offset = cell_point(i, j, sub, supersampling, pitch, samples) - start
+        nearest = segment_gap(offset, along, inverse)
+        gap = wp.vec2(nearest[0], nearest[1])
+        distance = wp.length(gap)
+        if sub < 0:
+            if distance > 0.5 * (width + pitch[0] + pitch[1]):
+                break
+        elif distance < 0.5 * width:
+            shape = section_height(0.0, exponent, 1.0, distance, width)
+            # Angle pi r / w. Moving the nearest point along the line changes r in second order only.
+            by_distance = height * cosine_slope(exponent, distance, width) * PI / width
+            outward = by_distance / wp.max(distance, 1.0e-15) * gap
+            found[0] += height * shape
+            found[1] -= (1.0 - nearest[2]) * outward[0]
+            found[2] -= (1.0 - nearest[2]) * outward[1]
+            found[3] -= nearest[2] * outward[0]
+            found[4] -= nearest[2] * outward[1]
+            found[5] -= by_distance * distance / width
+            found[6] += shape
+    return found / wp.float32(supersampling * supersampling)
+
+
 @no_type_check
 @wp.kernel(enable_backward=False)
 def line_derivatives(
@@ -154,42 +201,51 @@ def line_derivatives(
 ):
     """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]; cosines only."""
     k, i, j = wp.tid()
+    found = line_cell(lines, k, i, j, exponent, wp.vec2(pitch_x, pitch_y), samples, supersampling)
+    heights[k, i, j] = found[0]
+    for number in range(6):
+        derivatives[k, number, i, j] = found[number + 1]
+
+
+@no_type_check
+@wp.kernel(enable_backward=False)
+def line_derivatives_by_row(
+    lines: wp.array2d[wp.float32],
+    exponent: wp.float32,
+    pitch_x: wp.float32,
+    pitch_y: wp.float32,
+    samples: wp.int32,
+    supersampling: wp.int32,
+    # outputs
+    heights: wp.array3d[wp.float32],
+    derivatives: wp.array4d[wp.float32],
+):
+    """The same into arrays of zeros, a row of cells per thread: on a CPU most of the time goes into far cells."""
+    k, i = wp.tid()
     pitch = wp.vec2(pitch_x, pitch_y)
-    start = wp.vec2(lines[k, 0], lines[k, 1])
-    along = wp.vec2(lines[k, 2], lines[k, 3]) - start
-    inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
-    width = lines[k, 4]
-    height = lines[k, 5]
-    total = wp.float32(0.0)
-    by_start = wp.vec2(0.0, 0.0)
-    by_end = wp.vec2(0.0, 0.0)
-    by_width = wp.float32(0.0)
-    by_height = wp.float32(0.0)
-    for sub in range(-1, supersampling * supersampling):
-        # The first round is the cell's centre: most cells are far from the line.
-        offset = cell_point(i, j, sub, supersampling, pitch, samples) - start
-        found = segment_gap(offset, along, inverse)
-        gap = wp.vec2(found[0], found[1])
-        nearest = found[2]
-        distance = wp.length(gap)
-        if sub < 0:
-            if distance > 0.5 * (width + pitch_x + pitch_y):
-                break
-        elif distance < 0.5 * width:
-            shape = section_height(0.0, exponent, 1.0, distance, width)
-            # Angle pi r / w. Moving the nearest point along the line changes r in second order only.
-            by_distance = height * cosine_slope(exponent, distance, width) * PI / width
-            outward = by_distance / wp.max(distance, 1.0e-15) * gap
-            total += height * shape
-            by_start -= (1.0 - nearest) * outward
-            by_end -= nearest * outward
-            by_width -= by_distance * distance / width
-            by_height += shape
-    scale = 1.0 / wp.float32(supersampling * supersampling)
-    heights[k, i, j] = total * scale
-    derivatives[k, 0, i, j] = by_start[0] * scale
-    derivatives[k, 1, i, j] = by_start[1] * scale
-    derivatives[k, 2, i, j] = by_end[0] * scale
-    derivatives[k, 3, i, j] = by_end[1] * scale
-    derivatives[k, 4, i, j] = by_width * scale
-    derivatives[k, 5, i, j] = by_height * scale
+    y = cell_point(i, 0, -1, supersampling, pitch, samples)[1]
+    from_y = lines[k, 1] - y
+    along_y = lines[k, 3] - lines[k, 1]
+    reach = 0.5 * lines[k, 4] + pitch_x + pitch_y
+    first = wp.float32(0.0)
+    last = wp.float32(1.0)
+    if wp.abs(along_y) > 1.0e-9:
+        # Where the centre line is within reach of the row.
+        one = (-reach - from_y) / along_y
+        other = (reach - from_y) / along_y
+        first = wp.max(wp.min(one, other), 0.0)
+        last = wp.min(wp.max(one, other), 1.0)
+    elif wp.abs(from_y) > reach:
+        last = wp.float32(-1.0)
+    if first <= last:
+        along_x = lines[k, 2] - lines[k, 0]
+        x0 = lines[k, 0] + first * along_x
+        x1 = lines[k, 0] + last * along_x
+        middle = 0.5 * wp.float32(samples)
+        low = wp.max(wp.int32(wp.floor((wp.min(x0, x1) - reach) / pitch_x + middle)), 0)
+        high = wp.min(wp.int32(wp.ceil((wp.max(x0, x1) + reach) / pitch_x + middle)), samples)
+        for j in range(low, high):
+            found = line_cell(lines, k, i, j, exponent, pitch, samples, supersampling)
+            heights[k, i, j] = found[0]
+            for number in range(6):
+                derivatives[k, number, i, j] = found[number + 1]

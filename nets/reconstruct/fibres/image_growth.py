@@ -9,7 +9,7 @@ line, the image says.
 import torch
 
 from nets.reconstruct.fibres.image_fit import Fitted, ImageFit
-from warp_caustics.prints.fit import fit_lines
+from warp_caustics.prints.fit_each import fit_each
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines
 
@@ -77,42 +77,43 @@ def grown(fit: ImageFit, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: 
 def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
     """Lines that may be missing, those first that explain the image best as they are."""
     total = fit.model.heights(best.lines)
-    tried: list[tuple[float, int, torch.Tensor]] = []
-    for line in _proposals(fit.model, relief_m - total, spread_m):
-        if fit.report is not None:
-            fit.report(best.loss)
-        loss = fit.loss(total + fit.model.heights(line[None]))
-        tried.append((loss, len(tried), line))
-    return [line for _, _, line in sorted(tried)[:TRIED_PROPOSALS]]
+    lines = _proposals(fit.model, relief_m - total, spread_m)
+    if not len(lines):
+        return []
+    if fit.report is not None:
+        fit.report(best.loss)
+    losses = fit.losses(total + fit.model.parts(lines)[0])
+    return [lines[k] for _, k in sorted((loss, k) for k, loss in enumerate(losses))[:TRIED_PROPOSALS]]
 
 
-def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
-    """Lines along what is unexplained, fitted to it; of several starts the best."""
-    sketch = LineModel(model.scene, model.section, model.device, model.limits, SUPERSAMPLING)
+def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -> torch.Tensor:
+    """Lines along what is unexplained, fitted to it, shape [K, 6] [m]; of several starts the best."""
+    sketch = model.sketched(SUPERSAMPLING)
     view = rest_m / (1 + (spread_m / UNSURE_M).square()).sqrt()
     view = torch.where(view > LOWEST_LINE_M, view, 0.0)
     sigma = (spread_m.square() + UNSURE_M**2).sqrt()
-    found = []
-    for ridge in proposed_lines(view.double().cpu().numpy(), model.scene.plate_size_m, PROPOSED_RIDGES):
-        line, fits = torch.from_numpy(ridge), []
-        for factor in STARTING_WIDTHS:
-            start = line.clone()
-            start[WIDTH], start[HEIGHT] = factor * line[WIDTH], line[HEIGHT] / factor
-            fitted, loss = fit_lines(
-                sketch, model.clamped(start[None]), rest_m, sigma, iterations=RELIEF_FIT_ITERATIONS
-            )
-            fits.append((loss, factor, fitted[0]))
-        found.append(min(fits)[2])
-    return found
+    ridges = torch.from_numpy(proposed_lines(view.double().cpu().numpy(), model.scene.plate_size_m, PROPOSED_RIDGES))
+    starts = ridges.repeat(len(STARTING_WIDTHS), 1)
+    factors = torch.tensor(STARTING_WIDTHS, dtype=torch.float64).repeat_interleave(len(ridges))
+    starts[:, WIDTH] *= factors
+    starts[:, HEIGHT] /= factors
+    lines, losses = fit_each(sketch, model.clamped(starts), rest_m, sigma, iterations=RELIEF_FIT_ITERATIONS)
+    best = losses.reshape(len(STARTING_WIDTHS), -1).argmin(dim=0) if len(ridges) else torch.zeros(0, dtype=torch.long)
+    return lines[best * len(ridges) + torch.arange(len(ridges))]
 
 
 def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     """Lines without those that the image does not miss, the least first."""
     parts = fit.model.parts(lines)[0]
-    current, kept = fit.loss(parts.sum(dim=0)), list(range(len(lines)))
-    for k in parts.flatten(1).sum(dim=1).argsort().tolist():
-        without = [j for j in kept if j != k]
-        loss = fit.loss(parts[without].sum(dim=0))
-        if loss < REMOVED_LINE_FACTOR * current:
-            kept, current = without, loss
+    total = parts.sum(dim=0)
+    current, kept = fit.loss(total), list(range(len(lines)))
+    asked = parts.flatten(1).sum(dim=1).argsort().tolist()
+    while asked:
+        losses = fit.losses(total - parts[asked])
+        spare = next((i for i, loss in enumerate(losses) if loss < REMOVED_LINE_FACTOR * current), None)
+        if spare is None:
+            break
+        kept.remove(asked[spare])
+        total, current = parts[kept].sum(dim=0), losses[spare]
+        asked = asked[spare + 1 :]
     return Fitted(lines[kept], current)

@@ -61,32 +61,33 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
     total = parts.sum(dim=0)
     current, jumped = fit.loss(total), False
 
-    def tried(k: int, line: torch.Tensor) -> float:
-        return fit.loss(total - parts[k] + model.heights(model.clamped(line[None])))
+    def best_of(k: int, tried: list[torch.Tensor]) -> tuple[float, int]:
+        rest = total - parts[k]
+        losses = fit.losses(rest + model.parts(model.clamped(torch.stack(tried)))[0])
+        if fit.report is not None:
+            fit.report(current)
+        return min((loss, number) for number, loss in enumerate(losses))
 
-    worst = suspects(fit, model, parts)[:most]
-    for rank, k in enumerate(worst):
-        best, least, where = None, current * JUMP_FACTOR, None
-        for changed, end, change in stretches(lines[k]):
-            loss = tried(k, changed)
-            if loss < least:
-                best, least, where = changed, loss, (end, change)
-        if where is not None:
+    for rank, k in enumerate(suspects(fit, model, parts)[:most]):
+        longer = list(stretches(lines[k]))
+        tried = [line for line, _, _ in longer]
+        if rank < RESHAPED_LINES:
+            tried += shapes(lines[k])
+        least, number = best_of(k, tried)
+        if least >= current * JUMP_FACTOR:
+            continue
+        best = tried[number]
+        if number < len(longer):
             # Between the steps that were tried.
-            for part in (0.7, 1.4):
-                changed = stretched(lines[k], where[0], part * where[1])
-                loss = tried(k, changed)
-                if loss < least:
-                    best, least = changed, loss
-        for changed in shapes(lines[k]) if rank < RESHAPED_LINES else ():
-            loss = tried(k, changed)
-            if loss < least:
-                best, least = changed, loss
-        if best is not None:
-            best = model.clamped(best[None])[0]
-            new = model.heights(best[None])
-            total, jumped, current = total - parts[k] + new, True, least
-            parts[k], lines[k] = new, best
+            _, end, change = longer[number]
+            between = [stretched(lines[k], end, part * change) for part in (0.7, 1.4)]
+            found, number = best_of(k, between)
+            if found < least:
+                best, least = between[number], found
+        best = model.clamped(best[None])[0]
+        new = model.heights(best[None])
+        total, jumped, current = total - parts[k] + new, True, least
+        parts[k], lines[k] = new, best
     return lines, jumped
 
 

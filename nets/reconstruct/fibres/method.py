@@ -10,7 +10,7 @@ import dataclasses
 import time
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -36,18 +36,21 @@ from warp_caustics.reconstruct.base import (
     StopReason,
 )
 from warp_caustics.reconstruct.rest import local_relief
-from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
+HOPELESS_SHARE = 0.25
+"""Where lines leave less than this share of what the network's relief leaves, that is not refined: it would not win."""
+
 
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
 
-    profile: Section = "cosine"
-    """Of a line across."""
+    profile: Section | Literal["found"] = "cosine"
+    """Of a line across; ``found`` finds g of cos(pi r / w)^(2 g), one for all lines, with the lines."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
@@ -78,7 +81,7 @@ class Fibres(Reconstructor):
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
-        self.model = LineModel(scene, self.options.profile, self.device)
+        self.finds_section = self.options.profile == "found"
 
     def reconstruct(
         self,
@@ -117,6 +120,8 @@ class _Run:
         progress: ProgressCallback | None,
     ):
         self.method, self.answer = method, answer
+        profile = method.options.profile
+        self.model = LineModel(method.scene, "cosine" if profile == "found" else profile, method.device)
         exposure = np.asarray(answer.counters["exposure"])
         camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
         # Lines are looked for in channels that lie together; blur is in the model where reliefs are refined and judged.
@@ -142,6 +147,8 @@ class _Run:
         heights, fibres = answer.heights_m, None
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
         counters["camera"] = self.resimulation.camera.record
+        if method.finds_section:
+            counters["section_exponent"] = self.model.exponent
         is_noise_left = False
         if len(self.lines):
             found = self._relief(self.lines)
@@ -152,16 +159,16 @@ class _Run:
                 is_noise_left = is_explained(self.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
-            candidates = [self._refined(answer.heights_m)]
+            candidates = {}
             if fibres is not None:
-                candidates.append(self._refined(heights))
-            best = min(candidates, key=lambda candidate: candidate.residual)
-            heights, counters["refinement"] = best.heights, best.outcome
+                candidates["fibres"] = self._refined(heights)
+            if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * answer.residual:
+                candidates["network"] = self._refined(answer.heights_m)
+            winner = min(candidates, key=lambda name: candidates[name].residual)
+            heights, counters["refinement"] = candidates[winner].heights, candidates[winner].outcome
             if fibres is not None:
-                counters["residual_of_refined_network"], counters["residual_of_refined_fibres"] = (
-                    candidate.residual for candidate in candidates
-                )
-            if best is candidates[0]:
+                counters |= {f"residual_of_refined_{name}": found.residual for name, found in candidates.items()}
+            if winner == "network":
                 fibres, counters["explained_by"] = None, "network"
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["discrepancy"] = left = self.discrepancy(heights)
@@ -202,11 +209,14 @@ class _Run:
     @cached_property
     def discrepancy(self) -> Discrepancy:
         """What is left of the image."""
-        return Discrepancy(self.method.scene, self.image, self.method.device)
+        image, scene = self.image, self.method.scene
+        if image.noise_std is None:
+            image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
+        return Discrepancy(scene, image, self.method.device)
 
     def _relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""
-        return as_glass(self.method.model.heights(lines).double().cpu().numpy(), self.method.scene)
+        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.method.scene)
 
     def _fit(self) -> None:
         method, scene = self.method, self.method.scene
@@ -216,17 +226,18 @@ class _Run:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
         pixels = method.options.pixels_on(method.device.type, scene)
         most = method.options.most_lines
-        start = lines_of_relief(method.model, heights, spread, most=most)
+        start = lines_of_relief(self.model, heights, spread, most=most)
         relief_m, spread_m = (values.to(method.device, torch.float32) for values in (heights, spread))
         search = LineSearch(
             scene,
             self.image,
-            method.model,
+            self.model,
             pixels,
             jumps=method.options.jumps,
             iterations=self.iterations,
+            finds_section=method.finds_section,
             answer=Answer(relief_m, spread_m, most),
-            is_explained=lambda lines: is_explained(self.discrepancy(self._relief(lines))),
+            discrepancy=lambda lines: self.discrepancy(self._relief(lines)),
             report=self._note,
         )
         try:

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import torch
 
-from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.fibres.section import with_section_found
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -22,12 +24,14 @@ of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of 
 JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 """Lines that may jump in the first round and in others, those with the worst misfit under them."""
 
-FINE_PHOTONS_PER_PIXEL = 8
-"""With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
-true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
+METRIC_PHOTONS_PER_PIXEL = 4
+"""Of the differences that descents take their metric from, on the fewest pixels."""
 
 FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
+
+FAR_OF_NOISE = 5.0
+"""Discrepancy above which a descent on all pixels does not bring lines down to noise: 1.1 to 3.3 came down to it."""
 
 ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
@@ -58,9 +62,10 @@ class LineSearch:
         pixels: size of the image for most of the work; jumps are tried at half as many, where the heights allow it.
         jumps: rounds of growth and jumps, at most; 0 where lines are known to be nearly right.
         iterations: of L-BFGS between jumps.
+        finds_section: the model's exponent is found with the lines.
         answer: of the network, which tells where lines may be missing; None leaves their number.
-        is_explained: tells of lines whether they leave nothing but noise; where they do not, the search goes on with
-            more pixels. None ends it.
+        discrepancy: what lines leave of the image, in units of its noise; where it is more than noise, the search goes
+            on with more pixels. None ends it.
         report: called after each evaluation with its loss; may raise.
     """
 
@@ -73,21 +78,33 @@ class LineSearch:
         *,
         jumps: int,
         iterations: int = ITERATIONS,
+        finds_section: bool = False,
         answer: Answer | None = None,
-        is_explained: Callable[[torch.Tensor], bool] | None = None,
+        discrepancy: Callable[[torch.Tensor], float | None] | None = None,
         report: Callable[[float], None] | None = None,
     ):
-        self.jumps, self.iterations, self.answer, self.is_explained = jumps, iterations, answer, is_explained
+        self.jumps, self.iterations, self.answer, self.discrepancy = jumps, iterations, answer, discrepancy
+        self.finds_section = finds_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
-        def fit(size: int) -> ImageFit:
-            return ImageFit(scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report)
+        # One wavelength tells which lines there are, and nearly where; all of them tell better where.
+        seen, told = of_wavelength(image, scene, clearest_wavelength(image, scene))
+        is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
+        few = pixels // 2 if is_halved else pixels
+        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL)
 
-        self.coarse = self.fine = fit(pixels)
-        self.last = fit(scene.image_pixels) if pixels < scene.image_pixels else None
-        if pixels % 2 == 0 and pixels // 2 >= scene.height_samples:
-            self.coarse = ImageFit(scene, image, model, pixels // 2, report=report)
+        def finely(scene: Scene, image: CausticImage, size: int) -> ImageFit:
+            return ImageFit(
+                scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report, metric=metric
+            )
+
+        self.coarse = self.fine = finely(told, seen, pixels)
+        if is_halved:
+            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric)
+        self.last = None
+        if pixels < scene.image_pixels or scene.n_wavelengths > 1:
+            self.last = finely(scene, image, scene.image_pixels)
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
         """Lines that explain the image better, shape [L, 6] [m].
@@ -95,26 +112,38 @@ class LineSearch:
         Args:
             start: shape [L, 6] [m], float64.
         """
+        if self.finds_section:
+            start = with_section_found(self.coarse, start)
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
-            found = self.fine.descend(self._searched(self.coarse, start), self.iterations // 2)
+            coarse = self._searched(self.coarse, start)
+            found = self.fine.descend(coarse, self.iterations // 2, with_section=self.finds_section)
             self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
-            self.lines = self.fine.descend(start, self.iterations).lines
-        self._finish()
-        for _ in range(FINE_ROUNDS if self.jumps else 0):
-            if self.is_explained is None or self.is_explained(self.lines):
-                break
+            self.lines = self.fine.descend(start, self.iterations, with_section=self.finds_section).lines
+        for _ in range(FINE_ROUNDS if self.jumps and self.discrepancy is not None else 0):
+            if self._is_solved():
+                return self.lines
             before = self.lines
             self.lines = self._searched(self.fine, self.lines, rounds=1)
             if torch.equal(self.lines, before):
                 break
-            self._finish()
+        self._finish()
         return self.lines
+
+    def _is_solved(self) -> bool:
+        """Whether lines leave nothing but noise, after a descent on all pixels; far from that it would be wasted."""
+        assert self.discrepancy is not None
+        left = self.discrepancy(self.lines)
+        if left is not None and left > FAR_OF_NOISE:
+            return False
+        self._finish()
+        return is_explained(self.discrepancy(self.lines))
 
     def _finish(self) -> None:
         if self.last is not None:
-            self.lines = self.last.descend(self.lines, min(FINAL_ITERATIONS, self.iterations)).lines
+            iterations = min(FINAL_ITERATIONS, self.iterations)
+            self.lines = self.last.descend(self.lines, iterations, with_section=self.finds_section).lines
 
     def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> torch.Tensor:
         """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time."""

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import nets.reconstruct.network_answers as answers_module
-from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
@@ -57,6 +57,43 @@ def test_gradient_with_respect_to_lines(model, image):
     step = 1e-6
     ahead, behind = (fit.loss(model.heights(off + s * step * direction)) for s in (1, -1))
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.05)
+
+
+def test_metric_is_the_curvature_of_the_misfit(model, image):
+    """Along a random direction, at lines that explain the image: u N u / 2 of what a small step costs."""
+    seen = CausticImage(CausticSimulator(SCENE)(model.heights(LINES)).numpy())
+    fit = ImageFit(SCENE, seen, model, 2 * N)
+    heights, derivatives = model.with_jacobian(LINES)
+    normal = fit.normal_matrix(heights, derivatives)
+    assert torch.allclose(normal, normal.T, rtol=1e-4) and float(torch.linalg.eigvalsh(normal)[0]) > -1e-3 * float(
+        normal.diagonal().max()
+    )
+    step = 1e-6 * torch.randn(LINES.numel(), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    either = [model.heights(model.clamped(LINES + sign * step.reshape(LINES.shape))) for sign in (1, -1)]
+    cost = sum(fit.losses(torch.stack(either))) / 2 - fit.loss(heights)
+    assert cost == pytest.approx(float(step @ normal @ step) / 2, rel=0.15)
+
+
+def test_misfits_of_a_batch_are_those_of_each(model, image):
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    both = torch.stack([model.heights(LINES), model.heights(LINES[:2])])
+    singly = [float(fit.measurement.data_term(fit.simulator(each), "charbonnier", fit.width)) for each in both]
+    np.testing.assert_allclose(fit.losses(both), singly, rtol=1e-6)
+
+
+def test_one_wavelength_is_that_which_shows_most(image):
+    """Masked pixels count most, then noise; a dark wavelength shows nothing."""
+    assert clearest_wavelength(CausticImage(image.irradiance), SCENE) == 1
+    assert clearest_wavelength(CausticImage(image.irradiance, np.array([0.01, 0.02, 0.02])), SCENE) == 0
+    mask = np.ones(image.irradiance.shape, bool)
+    mask[:2, :40] = False
+    assert clearest_wavelength(CausticImage(image.irradiance, np.array([0.01, 0.01, 0.02]), mask), SCENE) == 2
+    dark = SCENE.model_copy(update={"radiosity_W_m2": (1.0, 0.0, 1.0)})
+    assert clearest_wavelength(image, dark) in (0, 2)
+    one, scene = of_wavelength(CausticImage(image.irradiance, image.noise_std, mask), SCENE, 2)
+    assert one.irradiance.shape[0] == scene.n_wavelengths == 1 and scene.wavelengths_m == SCENE.wavelengths_m[2:]
+    np.testing.assert_array_equal(one.irradiance[0], image.irradiance[2])
+    assert one.mask.all() and one.noise_std[0] == image.noise_std[2]
 
 
 def test_descent_finds_the_lines_from_near(model, image):
@@ -145,7 +182,7 @@ def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answer
 
 
 @pytest.mark.parametrize("lumps", [0.0, 3e-4])
-def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, image, answering, lumps):
+def test_without_known_noise_the_better_relief_wins(model, image, answering, lumps):
     """Lines alone explain the first plate; the second has a lump that only the network's answer shows."""
     centre = (np.arange(N) + 0.5) / N - 0.5
     lump = lumps * np.exp(-((centre[:, None] - 0.3) ** 2 + (centre[None] + 0.3) ** 2) / 0.01)
@@ -160,7 +197,8 @@ def test_without_known_noise_the_better_of_both_refined_reliefs_wins(model, imag
         assert result.residual == pytest.approx(min(both.values()), rel=1e-5)
         assert counters["explained_by"] == min(both, key=both.get)
     assert counters["explained_by"] == ("network" if lumps else "fibres")
-    assert (result.fibres_m is None) == bool(lumps) and "refinement" in counters
+    assert (result.fibres_m is None) == bool(lumps)
+    assert ("refinement" in counters) == bool(lumps), "an image without noise is explained to the simulation's error"
 
 
 def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, saved):

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from warp_caustics.prints.fit import fit_lines, loss_of
+from warp_caustics.prints.fit_each import fit_each
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines
 
@@ -74,13 +75,12 @@ class LineSet:
         size = self.model.scene.plate_size_m
         ridges = [proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES) for view in shown]
         ridges[1][:, HEIGHT] = LOW_M
-        best, least = None, np.inf
-        for ridge in self._promising(rest, torch.from_numpy(np.concatenate(ridges))):
-            tried = torch.cat([self.lines, ridge[None]])
-            tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=[len(self.lines)])
-            if loss < least:
-                best, least = tried, loss
-        return best, least
+        starts = self._promising(rest, torch.from_numpy(np.concatenate(ridges)))
+        if not len(starts):
+            return None, np.inf
+        fitted, losses = fit_each(self.model, starts, rest, self.sigma, iterations=8)
+        best = int(losses.argmin())
+        return torch.cat([self.lines, fitted[best : best + 1]]), float(losses[best])
 
     def _promising(self, rest: torch.Tensor, ridges: torch.Tensor) -> torch.Tensor:
         """Those of the lines that lower the loss most as they are."""

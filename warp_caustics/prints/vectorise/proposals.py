@@ -50,18 +50,17 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, floa
     dx, dy = np.cos(angles)[:, None] * steps, np.sin(angles)[:, None] * steps
     along = scipy.ndimage.map_coordinates(smooth, [i + dy, j + dx], order=1, mode="constant", cval=-1.0)
     across = scipy.ndimage.map_coordinates(smooth, [i + dx, j - dy], order=1, mode="constant", cval=-1.0)
+    runs, runs_across = _runs(along > RIDGE_END_SHARE * top), _runs(across > 0.5 * top)
     found = []
-    for k, angle in enumerate(angles):
-        first, last = _run(along[k] > RIDGE_END_SHARE * top)
-        steps_across = int(np.subtract(*_run(across[k] > 0.5 * top)[::-1]))
+    for k, (angle, (first, last), (low, high)) in enumerate(zip(angles, runs, runs_across, strict=True)):
         # Counted in steps, equally long ridges are equal; lengths would be rounded.
         found.append(
             (
-                last - first - steps_across,
+                last - first - (high - low),
                 angle,
                 steps[first] * pitch,
                 steps[last] * pitch,
-                steps_across * pitch / 2,
+                (high - low) * pitch / 2,
                 along[k, first : last + 1],
             )
         )
@@ -83,9 +82,10 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, floa
     ]
 
 
-def _run(is_high: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """First and last index of the run of True around the middle."""
-    middle = len(is_high) // 2
-    low = np.flatnonzero(~is_high[:middle])
-    high = np.flatnonzero(~is_high[middle + 1 :])
-    return (int(low[-1]) + 1 if len(low) else 0), (middle + int(high[0]) if len(high) else len(is_high) - 1)
+def _runs(is_high: npt.NDArray[np.bool_]) -> list[list[int]]:
+    """First and last index of the run of True around the middle of each row; of rows [K, N], a list of K pairs."""
+    middle = is_high.shape[1] // 2
+    before = np.minimum.accumulate(is_high[:, :middle][:, ::-1], axis=1).sum(axis=1)
+    after = np.minimum.accumulate(is_high[:, middle + 1 :], axis=1).sum(axis=1)
+    pairs: list[list[int]] = np.stack([middle - before, middle + after], axis=1).tolist()
+    return pairs

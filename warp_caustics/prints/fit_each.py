@@ -1,0 +1,72 @@
+"""Many lines fitted to a relief, each for itself, in one batch: which of them is the best start?
+
+The same descent as :func:`warp_caustics.prints.fit.fit_lines` of single lines; a GPU waits for the host once for all.
+"""
+
+import torch
+
+from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE
+from warp_caustics.prints.model import LineModel
+
+DAMPING_START, DAMPING_UP, DAMPING_DOWN, DAMPING_LEAST = 1e-2, 6.0, 5.0, 1e-6
+TRIALS_PER_ITERATION = 1.5
+"""Steps tried, over the iterations asked for: some are refused."""
+
+
+def fit_each(
+    model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, sigma_m: torch.Tensor, *, iterations: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Each of the lines moved so that it alone explains a relief but for a few wrong places.
+
+    Levenberg-Marquardt with iteratively re-weighted least squares, a damping for each line.
+
+    Args:
+        model: renders lines.
+        lines: where to start, shape [L, 6] [m], float64.
+        relief_m: to be explained, shape [n, n], float32, on the model's device.
+        sigma_m: expected size of what lines do not explain, shape [n, n], likewise.
+        iterations: of each line, at most.
+
+    Returns:
+        The lines, shape [L, 6] [m], and their Geman-McClure losses, shape [L], on the CPU.
+    """
+    found, damping = lines.clone(), torch.full((len(lines), 1), DAMPING_START, dtype=torch.float64)
+    if not len(lines):
+        return found, torch.zeros(0, dtype=torch.float64)
+    inverse_variance = sigma_m.square().reciprocal()
+
+    def system(rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Losses [L], normal matrices [L, 6, 6] and right sides [L, 6] at some lines."""
+        parts, derivatives = model.parts(rows)
+        residual = relief_m - parts
+        squared = residual.square() * inverse_variance
+        loss = GEMAN_MCCLURE.value(squared).flatten(1).sum(dim=1, dtype=torch.float64)
+        weight = GEMAN_MCCLURE.weight(squared) * inverse_variance
+        jacobian = derivatives.flatten(2)
+        weighted = jacobian * weight.flatten(1)[:, None]
+        normal = weighted @ jacobian.transpose(1, 2)
+        right = (weighted @ residual.flatten(1)[..., None])[..., 0]
+        together = torch.cat([loss[:, None], normal.flatten(1).double(), right.double()], dim=1).cpu()
+        return together[:, 0], together[:, 1:37].reshape(-1, 6, 6), together[:, 37:]
+
+    least, normal, right = system(found)
+    active = torch.ones(len(found), dtype=torch.bool)
+    for _ in range(round(TRIALS_PER_ITERATION * iterations)):
+        chosen = active.nonzero()[:, 0]
+        if not len(chosen):
+            break
+        diagonal = normal[chosen].diagonal(dim1=1, dim2=2)
+        scale = diagonal + 1e-9 * diagonal.amax(dim=1, keepdim=True) + 1e-12
+        step = torch.linalg.solve(normal[chosen] + torch.diag_embed(damping[chosen] * scale), right[chosen])
+        tried = model.moved(found[chosen], step.flatten())
+        loss, normal_there, right_there = system(tried)
+        is_better = loss < least[chosen]
+        is_last = is_better & (least[chosen] - loss <= CONVERGED * least[chosen])
+        better = chosen[is_better]
+        found[better], least[better] = tried[is_better], loss[is_better]
+        normal[better], right[better] = normal_there[is_better], right_there[is_better]
+        damping[better] = (damping[better] / DAMPING_DOWN).clamp_min(DAMPING_LEAST)
+        damping[chosen[~is_better]] *= DAMPING_UP
+        active[chosen[is_last]] = False
+        active &= damping[:, 0] < DAMPING_UP**6
+    return found, least
