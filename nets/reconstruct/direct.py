@@ -193,7 +193,7 @@ class Direct(Reconstructor):
         heights = answer = as_glass(mean, self.scene)
         if not interrupted:
             resimulation = resimulation.exposed(heights)
-        calibration = FAMILY_CALIBRATION if network.is_told else DIRECT_CALIBRATION
+        calibration = FAMILY_CALIBRATION if found.looked_by.network.is_told else DIRECT_CALIBRATION
         spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m)
         no_spread = self._no_uncertainty(network, len(found.looked))
         timings = {"network": log.elapsed_s}

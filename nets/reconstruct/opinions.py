@@ -1,7 +1,7 @@
 """Which of the answers to an image are believed: those of one network or two, at a first look or looking again."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -24,6 +24,8 @@ class Opinion:
             look again have all been given the same, and err together: their spread is two thirds of that for the same
             error.
         source: the network that they are of; the first of both where they are of both.
+        looked_by: the network whose first looks ``looked`` are, to which their spread is calibrated; the second where
+            they are of both.
         reason: ``interrupted`` or ``converged``.
         record: which was taken, and what each leaves; empty where there was but one.
     """
@@ -31,6 +33,7 @@ class Opinion:
     answers: torch.Tensor
     looked: torch.Tensor
     source: NetworkAnswers
+    looked_by: NetworkAnswers
     reason: StopReason = "converged"
     record: dict[str, Any] = field(default_factory=dict)
 
@@ -41,6 +44,7 @@ class _Candidate:
     answers: torch.Tensor
     looked: torch.Tensor
     source: NetworkAnswers
+    looked_by: NetworkAnswers
     caustic: torch.Tensor
     residual: float
 
@@ -75,10 +79,17 @@ class _Hearing:
         return answers
 
     def judged(
-        self, name: str, answers: torch.Tensor, looked: torch.Tensor, source: NetworkAnswers, *, is_heard: bool = True
+        self,
+        name: str,
+        answers: torch.Tensor,
+        looked: torch.Tensor,
+        source: NetworkAnswers,
+        looked_by: NetworkAnswers,
+        *,
+        is_heard: bool = True,
     ) -> _Candidate:
         """Answers with what they leave of the image."""
-        found = _Candidate(name, answers, looked, source, *self.caustic(answers.mean(0)))
+        found = _Candidate(name, answers, looked, source, looked_by, *self.caustic(answers.mean(0)))
         if is_heard:
             self.heard.append(found)
         return found
@@ -87,7 +98,7 @@ class _Hearing:
         """The answers that leave the least, with a record."""
         taken = min(self.heard, key=lambda each: each.residual)
         record = {"taken": taken.name, "residual": {each.name: each.residual for each in self.heard}}
-        return Opinion(taken.answers, taken.looked, taken.source, record=record)
+        return Opinion(taken.answers, taken.looked, taken.source, taken.looked_by, record=record)
 
 
 def opinion(networks: Sequence[NetworkAnswers], image: CausticImage, caustic: Caustic, log: RunLog) -> Opinion:
@@ -109,36 +120,36 @@ def opinion(networks: Sequence[NetworkAnswers], image: CausticImage, caustic: Ca
     looks_again = first.has_feedback if second is None else second.has_feedback
     log.total = sum(each.batches for each in networks) + (networks[-1].batches if looks_again else 0)
     none = torch.empty(0, n, n, device=first.device)
-    best = Opinion(none, none, first)
+    best = Opinion(none, none, first, first)
     names = {"first": first.network.file} | ({} if second is None else {"second": second.network.file})
     hearing = _Hearing(image, caustic, log)
     try:
         for answers, _ in hearing.answers(first, "network"):
-            best = Opinion(answers, answers, first)
+            best = Opinion(answers, answers, first, first)
         if second is None and not first.has_feedback:
             return best
-        own = hearing.judged("first", best.answers, best.answers, first)
+        own = hearing.judged("first", best.answers, best.answers, first, first)
         if second is None:
-            hearing.judged("first again", hearing.all_answers(first, "second look", own), own.looked, first)
+            hearing.judged("first again", hearing.all_answers(first, "second look", own), own.looked, first, first)
         elif second.has_feedback:
             _looked_by(second, own, hearing)
         else:
             _asked(second, own, hearing)
         best = hearing.best()
     except KeyboardInterrupt as stop:
-        return Opinion(best.answers, best.looked, best.source, why_stopped(stop))
-    return Opinion(best.answers, best.looked, best.source, record=names | best.record)
+        return replace(best, reason=why_stopped(stop))
+    return replace(best, record=names | best.record)
 
 
 def _looked_by(second: NetworkAnswers, own: _Candidate, hearing: _Hearing) -> None:
     """Candidates of a network with feedback that looks at another's answer."""
     answers, _ = next(hearing.answers(second, "second network", own))
-    looked = hearing.judged("second", answers, own.looked, second)
+    looked = hearing.judged("second", answers, own.looked, second, own.source)
     both = torch.cat([own.answers, answers])
-    hearing.judged("both", both, own.looked, own.source)
+    hearing.judged("both", both, own.looked, own.source, own.source)
     if looked.residual < own.residual:
         answers = hearing.all_answers(second, "second look", looked)
-        hearing.judged("second again", answers, torch.cat([own.looked, looked.answers]), second)
+        hearing.judged("second again", answers, torch.cat([own.looked, looked.answers]), second, second)
 
 
 def _asked(second: NetworkAnswers, own: _Candidate, hearing: _Hearing) -> None:
@@ -146,9 +157,9 @@ def _asked(second: NetworkAnswers, own: _Candidate, hearing: _Hearing) -> None:
     for answers, is_first in hearing.answers(second, "second network"):
         if is_first:
             start = own.answers[: len(answers)]
-            glances = [hearing.judged("", each, each, second, is_heard=False) for each in (start, answers)]
+            glances = [hearing.judged("", each, each, second, second, is_heard=False) for each in (start, answers)]
             if glances[1].residual >= glances[0].residual:
                 return
-    hearing.judged("second", answers, answers, second)
+    hearing.judged("second", answers, answers, second, second)
     both = torch.cat([own.answers, answers])
-    hearing.judged("both", both, both, own.source)
+    hearing.judged("both", both, both, own.source, second)

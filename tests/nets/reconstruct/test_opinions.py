@@ -127,7 +127,13 @@ def test_where_the_first_knows_no_such_plate_the_second_looks_on():
     found = heard(first, second)
     assert second.given == [pytest.approx(8e-4, rel=1e-3), pytest.approx(2e-4, rel=1e-3)]
     assert found.record["taken"] == "second again" and error_of(found) == pytest.approx(5e-5, rel=1e-2)
-    assert found.source is second and len(found.looked) == 4
+    assert found.source is found.looked_by is second and len(found.looked) == 4
+
+
+def test_how_far_to_trust_a_second_look_is_told_by_the_first_lookers_own_spread():
+    first, second = Says(1e-4, 3e-4), Says(0.0, 0.0, again=(1.9e-4, 1.9e-4, 5e-4, 5e-4))
+    found = heard(first, second)
+    assert found.record["taken"] == "second" and found.source is second and found.looked_by is first
 
 
 @pytest.mark.parametrize("after", [0, 2])
