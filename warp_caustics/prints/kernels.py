@@ -35,12 +35,23 @@ def section_height(
 
 @no_type_check
 @wp.func
-def cosine_slope(exponent: wp.float32, distance: wp.float32, width: wp.float32):
-    """Derivative of the cosine family's height by the angle pi r / w [1]; exponents as in :data:`line.Section`."""
-    angle = PI * distance / width
-    if exponent == 1.0:
-        return -wp.sin(2.0 * angle)
-    return -wp.sin(angle)
+def line_section(exponent: wp.float32, parabola: wp.float32, t: wp.float32):
+    """Height of a line relative to its crown, and its derivative by t = 2 r / w [1]; model.line_section in float32.
+
+    ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g: cosines where the share p of the parabola is 0, parabolas where it is 1.
+    """
+    angle = 0.5 * PI * t
+    if parabola == 0.0:
+        if exponent == 1.0:
+            return wp.vec2(0.5 * (1.0 + wp.cos(2.0 * angle)), -0.5 * PI * wp.sin(2.0 * angle))
+        if exponent == 0.5:
+            return wp.vec2(wp.cos(angle), -0.5 * PI * wp.sin(angle))
+    cosine = wp.cos(angle)
+    # From the edge on a power below 1 has no slope; a sample's mean hardly sees the last thousandth of the width.
+    base = wp.max((1.0 - parabola) * cosine * cosine + parabola * (1.0 - t * t), 1.0e-6)
+    slope = -(1.0 - parabola) * PI * wp.sin(angle) * cosine - 2.0 * parabola * t
+    height = wp.pow(base, exponent)
+    return wp.vec2(height, exponent * height / base * slope)
 
 
 @no_type_check
@@ -151,11 +162,12 @@ def line_cell(
     i: wp.int32,
     j: wp.int32,
     exponent: wp.float32,
+    parabola: wp.float32,
     pitch: wp.vec2,
     samples: wp.int32,
     supersampling: wp.int32,
 ) -> LineCell:
-    """``LineCell`` of line k in row i and column j; cosines only."""
+    """``LineCell`` of line k in row i and column j."""
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
     inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
@@ -172,9 +184,10 @@ def line_cell(
             if distance > 0.5 * (width + pitch[0] + pitch[1]):
                 break
         elif distance < 0.5 * width:
-            shape = section_height(0.0, exponent, 1.0, distance, width)
-            # Angle pi r / w. Moving the nearest point along the line changes r in second order only.
-            by_distance = height * cosine_slope(exponent, distance, width) * PI / width
+            section = line_section(exponent, parabola, 2.0 * distance / width)
+            shape = section[0]
+            # Moving the nearest point along the line changes r in second order only.
+            by_distance = height * section[1] * 2.0 / width
             outward = by_distance / wp.max(distance, 1.0e-15) * gap
             found[0] += height * shape
             found[1] -= (1.0 - nearest[2]) * outward[0]
@@ -191,6 +204,7 @@ def line_cell(
 def line_derivatives(
     lines: wp.array2d[wp.float32],
     exponent: wp.float32,
+    parabola: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -199,9 +213,9 @@ def line_derivatives(
     heights: wp.array3d[wp.float32],
     derivatives: wp.array4d[wp.float32],
 ):
-    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]; cosines only."""
+    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]."""
     k, i, j = wp.tid()
-    found = line_cell(lines, k, i, j, exponent, wp.vec2(pitch_x, pitch_y), samples, supersampling)
+    found = line_cell(lines, k, i, j, exponent, parabola, wp.vec2(pitch_x, pitch_y), samples, supersampling)
     heights[k, i, j] = found[0]
     for number in range(6):
         derivatives[k, number, i, j] = found[number + 1]
@@ -212,6 +226,7 @@ def line_derivatives(
 def line_derivatives_by_row(
     lines: wp.array2d[wp.float32],
     exponent: wp.float32,
+    parabola: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -245,7 +260,7 @@ def line_derivatives_by_row(
         low = wp.max(wp.int32(wp.floor((wp.min(x0, x1) - reach) / pitch_x + middle)), 0)
         high = wp.min(wp.int32(wp.ceil((wp.max(x0, x1) + reach) / pitch_x + middle)), samples)
         for j in range(low, high):
-            found = line_cell(lines, k, i, j, exponent, pitch, samples, supersampling)
+            found = line_cell(lines, k, i, j, exponent, parabola, pitch, samples, supersampling)
             heights[k, i, j] = found[0]
             for number in range(6):
                 derivatives[k, number, i, j] = found[number + 1]

@@ -7,6 +7,7 @@ only: a fit takes the Jacobian as it comes and moves lines by :meth:`LineModel.m
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -16,7 +17,9 @@ from warp_caustics.chunked import on_all_cores, warp_array, warp_stream
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.kernels import line_derivatives, line_derivatives_by_row
 from warp_caustics.prints.line import COSINE_EXPONENT, Line, Section
+from warp_caustics.prints.sections import EXPONENTS
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 LINE_COLUMNS = ("x0_m", "y0_m", "x1_m", "y1_m", "width_m", "height_m")
 WIDTH, HEIGHT = 4, 5
@@ -28,6 +31,35 @@ LINES_AT_ONCE = 6
 """Rendered by one core of a CPU at a time."""
 EXPONENT_STEP = 0.01
 """Of differences by the exponent, relative to it: errs by 1e-4 of them, float32 by as much."""
+PARABOLA_STEP = 0.02
+"""The same by the share of the parabola."""
+
+Overlap = Literal["sum", "max"]
+"""Where lines cross, their heights add up, or the highest is what is printed."""
+
+
+class Shape(NamedTuple):
+    """Section of all lines of a print, ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g with t = 2 r / w.
+
+    Cosines and parabolas of any power, with the ellipse (p = 1, g = 0.5), and what lies between.
+    """
+
+    exponent: float = 1.0
+    """g."""
+    parabola: float = 0.0
+    """p, from 0 to 1."""
+
+    def clipped(self) -> "Shape":
+        """Within what prints have."""
+        return Shape(min(max(self.exponent, EXPONENTS[0]), EXPONENTS[1]), min(max(self.parabola, 0.0), 1.0))
+
+
+def line_section(shape: Shape, t: FloatArray) -> FloatArray:
+    """Height relative to the crown [1] at t = 2 r / w, any shape; 0 from the edge on: the oracle of the kernel."""
+    inside = np.clip(np.abs(t), 0.0, 1.0)
+    base = (1 - shape.parabola) * np.cos(np.pi / 2 * inside) ** 2 + shape.parabola * (1 - inside**2)
+    height: FloatArray = np.maximum(base, 0.0) ** shape.exponent
+    return height
 
 
 @dataclass(frozen=True)
@@ -67,7 +99,8 @@ class LineModel:
         supersampling: a sample is the mean of supersampling^2 points of its cell; 1 takes the height at its centre.
 
     Attributes:
-        exponent: g of the section cos(pi r / w)^(2 g), that of ``section`` to begin with; a fit may move it.
+        shape: of the section, that of ``section`` to begin with; a fit may move it.
+        overlap: what is printed where lines cross.
     """
 
     def __init__(
@@ -80,7 +113,8 @@ class LineModel:
     ):
         self.scene, self.section, self.device = scene, section, torch.device(device)
         self.limits, self.supersampling = limits or Limits(), supersampling
-        self.exponent = COSINE_EXPONENT[section]
+        self.shape = Shape(COSINE_EXPONENT[section])
+        self.overlap: Overlap = "sum"
         self.n = scene.height_samples
         half = torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2 * self.limits.reach
         (low_w, high_w), (low_h, high_h) = self.limits.width_m, self.limits.height_m
@@ -120,7 +154,7 @@ class LineModel:
             wp.launch(
                 line_derivatives if is_cuda else line_derivatives_by_row,
                 dim=heights.shape if is_cuda else heights.shape[:2],
-                inputs=[warp_array(rows), self.exponent, pitch_x, pitch_y, self.n, self.supersampling],
+                inputs=[warp_array(rows), *self.shape, pitch_x, pitch_y, self.n, self.supersampling],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
@@ -128,28 +162,64 @@ class LineModel:
     def sketched(self, supersampling: int) -> "LineModel":
         """The same lines and section, with fewer points per cell."""
         sketch = LineModel(self.scene, self.section, self.device, self.limits, supersampling)
-        sketch.exponent = self.exponent
+        sketch.shape, sketch.overlap = self.shape, self.overlap
         return sketch
 
-    def by_exponent(self, lines: torch.Tensor) -> torch.Tensor:
-        """Derivative of the relief by the exponent [m], shape [n, n], by a central difference."""
-        given, found = self.exponent, []
+    def by_shape(self, lines: torch.Tensor) -> torch.Tensor:
+        """Derivatives of the relief by the numbers of its section [m], shape [2, n, n], by differences.
+
+        Central ones by the exponent, and by the share of the parabola where it is not at an end of its range.
+        """
+        given = self.shape
+        step = EXPONENT_STEP * given.exponent
+        ends = [
+            (Shape(given.exponent - step, given.parabola), Shape(given.exponent + step, given.parabola)),
+            tuple(Shape(given.exponent, given.parabola + s * PARABOLA_STEP).clipped() for s in (-1, 1)),
+        ]
+        # Heights at the edge of the exponent's range are told beyond it as well.
+        ends[1] = tuple(Shape(given.exponent, each.parabola) for each in ends[1])
+        columns = []
         try:
-            for sign in (1, -1):
-                self.exponent = given * (1 + sign * EXPONENT_STEP)
-                found.append(self.heights(lines))
+            for number, pair in enumerate(ends):
+                found = []
+                for shape in pair:
+                    self.shape = shape
+                    found.append(self.heights(lines))
+                columns.append((found[1] - found[0]) / (pair[1][number] - pair[0][number]))
         finally:
-            self.exponent = given
-        return (found[0] - found[1]) / (2 * given * EXPONENT_STEP)
+            self.shape = given
+        return torch.stack(columns)
+
+    def over(self, heights: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+        """Lines printed over others [m]; shapes that broadcast."""
+        return heights + others if self.overlap == "sum" else torch.maximum(heights, others)
+
+    def joined(self, parts: torch.Tensor) -> torch.Tensor:
+        """Relief of lines [m], shape [n, n], from each alone, shape [L, n, n]."""
+        if self.overlap == "sum" or not len(parts):
+            return parts.sum(dim=0)
+        return parts.amax(dim=0)
+
+    def without_each(self, parts: torch.Tensor) -> torch.Tensor:
+        """Reliefs of all lines but one [m], shape [L, n, n], from each alone."""
+        if self.overlap == "sum":
+            return parts.sum(dim=0) - parts
+        rest = torch.zeros_like(parts)
+        for k in range(len(parts)):
+            rest[k] = self.joined(torch.cat([parts[:k], parts[k + 1 :]]))
+        return rest
 
     def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together [m], shape [n, n], float32."""
-        return self.parts(lines)[0].sum(dim=0)
+        return self.joined(self.parts(lines)[0])
 
     def with_jacobian(self, lines: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Relief of all lines together [m], shape [n, n], and its derivatives [1] by all numbers, shape [P, n, n]."""
         heights, derivatives = self.parts(lines)
-        return heights.sum(dim=0), derivatives.flatten(0, 1)
+        total = self.joined(heights)
+        if self.overlap == "max":
+            derivatives = derivatives * (heights >= total)[:, None]
+        return total, derivatives.flatten(0, 1)
 
     def moved(self, lines: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
         """Lines after a step of a fit, shape [P], as far as one step and the limits allow."""

@@ -6,11 +6,13 @@ any better would be to fit the noise (Engl, Hanke & Neubauer, Regularization of 
 
 import dataclasses
 
+import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image_fit import BORDER_PIXELS, FINE_PHOTONS_PER_PIXEL
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
+from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -30,11 +32,17 @@ class Discrepancy:
         scene: the set-up.
         image: what was measured.
         device: where to simulate.
+        blur_px: standard deviation of the camera's blur [px], shape [n_w]; None for none.
     """
 
-    def __init__(self, scene: Scene, image: CausticImage, device: str | torch.device):
+    def __init__(
+        self, scene: Scene, image: CausticImage, device: str | torch.device, blur_px: FloatArray | None = None
+    ):
         self.simulator = simulator_at(scene, scene.image_pixels, device, FINE_PHOTONS_PER_PIXEL)
         plain = measurement_at(image, scene, scene.image_pixels, self.simulator.device, BORDER_PIXELS)
+        self._blur = None
+        if blur_px is not None and np.any(blur_px):
+            self._blur = blur_matrices(scene.image_pixels, blur_px, self.simulator.device)
         noise = plain.noise
         if noise is not None:
             noise = torch.maximum(noise, LATTICE_ERROR * plain.irradiance.double())
@@ -44,7 +52,8 @@ class Discrepancy:
         """Of a relief [m], shape [n, n]; None if the noise of the image is unknown."""
         with torch.no_grad():
             heights = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
-            return self.measurement.discrepancy(self.simulator(heights))
+            caustic = self.simulator(heights)
+            return self.measurement.discrepancy(caustic if self._blur is None else blurred(caustic, self._blur))
 
 
 def is_explained(left: float | None) -> bool:

@@ -8,16 +8,16 @@ image's derivatives by all numbers, by differences of simulations with few pixel
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from warp_caustics.prints.model import LineModel
-from warp_caustics.prints.sections import EXPONENTS
+from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
+from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -34,6 +34,8 @@ BORDER_PIXELS = 1
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
+METRIC_PHOTONS_PER_PIXEL = 4
+"""Of the differences that descents take their metric from, on the fewest pixels."""
 CONVERGED = 1e-5
 """Of the loss, see ``ftol`` of L-BFGS-B."""
 LOSS_SCALE = 1e3
@@ -47,10 +49,32 @@ class Fitted:
     Attributes:
         lines: shape [L, 6] [m].
         loss: mean Charbonnier misfit, in units of the radiosity.
+        beside: amplitudes of :class:`Beside`, shape [K] [1]; empty without.
     """
 
     lines: torch.Tensor
     loss: float
+    beside: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What may change the image beside lines, found with them: image + sum_k b_k modes_k.
+
+    Attributes:
+        modes: per standard deviation of what is believed of each, in units of the radiosity, shape [K, n_w, m, m].
+        before: amplitudes at which what is believed of them is met, shape [K].
+        weight: of half the square of an amplitude's distance from there, in units of the loss.
+    """
+
+    modes: torch.Tensor
+    before: FloatArray
+    weight: float
+
+    def at(self, pixels: int) -> torch.Tensor:
+        """Modes of an image binned to so many pixels, shape [K, n_w, pixels, pixels]."""
+        factor = self.modes.shape[-1] // pixels
+        return torch.nn.functional.avg_pool2d(self.modes, factor) if factor > 1 else self.modes
 
 
 def clearest_wavelength(image: CausticImage, scene: Scene) -> int:
@@ -90,6 +114,7 @@ class ImageFit:
         photons_per_pixel: of the simulation.
         report: called after each evaluation with its loss; may raise.
         metric: simulates the differences of which the metric is made; this one if None.
+        blur_px: standard deviation of the camera's blur [px of the scene], shape [n_w]; None for none.
     """
 
     def __init__(
@@ -102,11 +127,20 @@ class ImageFit:
         photons_per_pixel: int = 16,
         report: Callable[[float], None] | None = None,
         metric: "ImageFit | None" = None,
+        blur_px: FloatArray | None = None,
     ):
         self.model, self.width, self.report, self.metric = model, width, report, metric or self
         self.simulator = simulator_at(scene, pixels, model.device, photons_per_pixel)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER_PIXELS)
+        self._blur = None
+        if blur_px is not None and np.any(blur_px):
+            self._blur = blur_matrices(pixels, blur_px * (pixels / scene.image_pixels), self.simulator.device)
         self._at_once = max(1, BATCH_HEIGHTS[model.device.type] // model.n**2)
+
+    def seen(self, heights_m: torch.Tensor) -> torch.Tensor:
+        """What the camera shows of a relief [m], shape [..., n, n], in units of the radiosity; differentiable."""
+        caustic = self.simulator(heights_m.contiguous())
+        return caustic if self._blur is None else blurred(caustic, self._blur)
 
     def loss(self, heights_m: torch.Tensor) -> float:
         """Misfit of a relief [m], shape [n, n]."""
@@ -117,101 +151,129 @@ class ImageFit:
         found = []
         with torch.no_grad():
             for some in heights_m.split(self._at_once):
-                residual = (self.simulator(some.contiguous()) - self.measurement.irradiance).double()
+                residual = (self.seen(some) - self.measurement.irradiance).double()
                 loss = ((residual.square() + self.width**2).sqrt() - self.width) * self.measurement.weight
                 found.append(loss.flatten(1).sum(dim=1))
             values = torch.cat(found) / self.measurement.weight.sum(dtype=torch.float64)
         listed: list[float] = values.tolist()
         return listed
 
-    def with_gradient(self, heights_m: torch.Tensor) -> tuple[float, torch.Tensor]:
-        """Misfit of a relief [m], and its gradient [1/m], shape [n, n]."""
+    def with_gradient(
+        self, heights_m: torch.Tensor, beside: Beside | None = None, amplitudes: FloatArray | None = None
+    ) -> tuple[float, torch.Tensor, FloatArray]:
+        """Misfit of a relief [m], its gradient [1/m], shape [n, n], and that by amplitudes of what is beside, [K]."""
         leaf = heights_m.detach().contiguous().requires_grad_()
-        loss = self.measurement.data_term(self.simulator(leaf), "charbonnier", self.width)
-        (gradient,) = torch.autograd.grad(loss, leaf)
-        return float(loss.detach()), gradient
+        if beside is None or amplitudes is None:
+            loss = self.measurement.data_term(self.seen(leaf), "charbonnier", self.width)
+            (gradient,) = torch.autograd.grad(loss, leaf)
+            return float(loss.detach()), gradient, np.zeros(0)
+        b = torch.tensor(amplitudes, dtype=torch.float32, device=leaf.device, requires_grad=True)
+        image = self.seen(leaf) + torch.tensordot(b, beside.at(self.measurement.irradiance.shape[-1]), 1)
+        loss = self.measurement.data_term(image, "charbonnier", self.width)
+        gradient, by_b = torch.autograd.grad(loss, (leaf, b))
+        apart = amplitudes - beside.before
+        believed = beside.weight / 2 * float(apart @ apart)
+        return float(loss.detach()) + believed, gradient, by_b.double().cpu().numpy() + beside.weight * apart
 
-    def normal_matrix(self, heights_m: torch.Tensor, derivatives: torch.Tensor) -> torch.Tensor:
-        """Gauss-Newton's matrix J W J^T of the misfit [1/m^2], shape [P, P], float64, on the CPU.
+    def normal_matrix(
+        self, heights_m: torch.Tensor, derivatives: torch.Tensor, beside: Beside | None = None
+    ) -> torch.Tensor:
+        """Gauss-Newton's matrix J W J^T of the misfit [1/m^2], shape [P + K, P + K], float64, on the CPU.
 
         W is the Charbonnier weight 1 / sqrt(r^2 + width^2) of each pixel's residual r, J by differences of simulations.
 
         Args:
             heights_m: relief [m], shape [n, n].
             derivatives: of it by the numbers [1], shape [P, n, n].
+            beside: what else changes the image, K of them.
         """
         step = DIFFERENCE_M / derivatives.flatten(1).abs().amax(dim=1).clamp_min(1e-6)
         with torch.no_grad():
-            image = self.simulator(heights_m.contiguous())
+            image = self.seen(heights_m)
             residual = image - self.measurement.irradiance
             weight = self.measurement.weight / (residual.square() + self.width**2).sqrt()
             weight = (weight / self.measurement.weight.sum()).flatten()
             rows = []
             for some, by in zip(derivatives.split(self._at_once), step.split(self._at_once), strict=True):
-                moved = self.simulator((heights_m + by[:, None, None] * some).contiguous())
+                moved = self.seen(heights_m + by[:, None, None] * some)
                 rows.append(((moved - image) / by[:, None, None, None]).flatten(1))
+            if beside is not None:
+                rows.append(beside.at(image.shape[-1]).flatten(1))
             jacobian = torch.cat(rows)
             return ((jacobian * weight) @ jacobian.T).double().cpu()
 
-    def descend(self, lines: torch.Tensor, iterations: int, *, with_section: bool = False) -> Fitted:
+    def descend(
+        self, lines: torch.Tensor, iterations: int, *, with_section: bool = False, beside: Beside | None = None
+    ) -> Fitted:
         """Lines that explain the image better; never worse.
 
         Args:
             lines: where to start, shape [L, 6] [m], float64.
             iterations: of L-BFGS, at most.
-            with_section: the model's exponent is found with them, and left at its best.
+            with_section: the model's section is found with them, and left at its best.
+            beside: what else may change the image; its amplitudes start from 0.
         """
         if not len(lines):
-            return Fitted(lines, self.loss(self.model.heights(lines)))
+            return Fitted(
+                lines, self.loss(self.model.heights(lines)), np.zeros(0 if beside is None else len(beside.modes))
+            )
         model = self.model
         start = lines.numpy().ravel()
         if with_section:
-            start = np.append(start, model.exponent)
-        to_numbers, back = self._coordinates(lines, start)
-        best, exponent = Fitted(lines, np.inf), model.exponent
+            start = np.append(start, model.shape)
+        of_relief = len(start)
+        if beside is not None:
+            start = np.append(start, np.zeros(len(beside.modes)))
+        to_numbers, back = self._coordinates(lines, start, with_section, beside)
+        best, shape = Fitted(lines, np.inf, start[of_relief:]), model.shape
 
         def objective(u: FloatArray) -> tuple[float, FloatArray]:
-            nonlocal exponent
+            nonlocal shape
             numbers = to_numbers(u)
             moved = model.clamped(torch.from_numpy(numbers[: lines.numel()].reshape(lines.shape)))
             if with_section:
-                model.exponent = float(np.clip(numbers[-1], *EXPONENTS))
+                model.shape = Shape(*map(float, numbers[lines.numel() : of_relief])).clipped()
+            amplitudes = numbers[of_relief:]
             heights, jacobian = self._rendered(moved, with_section)
-            loss, gradient = self.with_gradient(heights)
+            loss, gradient, by_amplitude = self.with_gradient(heights, beside, amplitudes)
             if loss < best.loss:
-                best.lines, best.loss, exponent = moved, loss, model.exponent
+                best.lines, best.loss, best.beside, shape = moved, loss, amplitudes, model.shape
             if self.report is not None:
                 self.report(loss)
             by_number = (jacobian.flatten(1) @ gradient.reshape(-1)).double().cpu().numpy()
+            by_number = np.append(by_number, by_amplitude)
             return LOSS_SCALE * loss, LOSS_SCALE * back(by_number)
 
         settings = {"maxiter": iterations, "maxfun": int(1.3 * iterations) + 2, "maxcor": 30, "ftol": CONVERGED}
         try:
             scipy.optimize.minimize(objective, np.zeros(len(start)), jac=True, method="L-BFGS-B", options=settings)
         finally:
-            model.exponent = exponent
+            model.shape = shape
         return best
 
     def _rendered(self, lines: torch.Tensor, with_section: bool) -> tuple[torch.Tensor, torch.Tensor]:
         """Relief [m], shape [n, n], and its derivatives by all numbers of a descent, shape [P, n, n]."""
         heights, derivatives = self.model.with_jacobian(lines)
         if with_section:
-            derivatives = torch.cat([derivatives, self.model.by_exponent(lines)[None]])
+            derivatives = torch.cat([derivatives, self.model.by_shape(lines)])
         return heights, derivatives
 
     def _coordinates(
-        self, lines: torch.Tensor, start: FloatArray
+        self, lines: torch.Tensor, start: FloatArray, with_section: bool, beside: Beside | None
     ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
         """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow."""
-        heights, derivatives = self._rendered(lines, len(start) > lines.numel())
-        seen = self.metric.normal_matrix(heights, derivatives).numpy()
+        heights, derivatives = self._rendered(lines, with_section)
+        seen = self.metric.normal_matrix(heights, derivatives, beside).numpy()
         flat = derivatives.flatten(1)
-        printed = (flat @ flat.T).double().cpu().numpy()
-        # The exponent has another unit than lengths: it has its share of the image only.
+        printed = np.zeros_like(seen)
+        printed[: len(flat), : len(flat)] = (flat @ flat.T).double().cpu().numpy()
+        # The exponent and what is beside have other units than lengths: they have their share of the image only.
         printed[lines.numel() :] = printed[:, lines.numel() :] = 0
         lengths = slice(0, lines.numel())
         share = max(np.trace(seen[lengths, lengths]), 1e-30) / max(np.trace(printed), 1e-30)
         seen += HEIGHT_SHARE * share * printed
+        if beside is not None:
+            seen[len(flat) :, len(flat) :] += beside.weight * np.eye(len(beside.modes))
         diagonal = np.diag(seen)
         scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal[lengths].max()))
         unit = LOSS_SCALE * seen / np.outer(scale, scale)

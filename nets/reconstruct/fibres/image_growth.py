@@ -82,7 +82,7 @@ def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: to
         return []
     if fit.report is not None:
         fit.report(best.loss)
-    losses = fit.losses(total + fit.model.parts(lines)[0])
+    losses = fit.losses(fit.model.over(total, fit.model.parts(lines)[0]))
     return [lines[k] for _, k in sorted((loss, k) for k, loss in enumerate(losses))[:TRIED_PROPOSALS]]
 
 
@@ -105,15 +105,15 @@ def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -
 def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     """Lines without those that the image does not miss, the least first."""
     parts = fit.model.parts(lines)[0]
-    total = parts.sum(dim=0)
-    current, kept = fit.loss(total), list(range(len(lines)))
+    current, kept = fit.loss(fit.model.joined(parts)), list(range(len(lines)))
     asked = parts.flatten(1).sum(dim=1).argsort().tolist()
     while asked:
-        losses = fit.losses(total - parts[asked])
+        without = fit.model.without_each(parts[kept])
+        losses = fit.losses(without[[kept.index(k) for k in asked]])
         spare = next((i for i, loss in enumerate(losses) if loss < REMOVED_LINE_FACTOR * current), None)
         if spare is None:
             break
         kept.remove(asked[spare])
-        total, current = parts[kept].sum(dim=0), losses[spare]
+        current = losses[spare]
         asked = asked[spare + 1 :]
     return Fitted(lines[kept], current)

@@ -58,12 +58,11 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
     """
     model, lines = fit.model, lines.clone()
     parts = model.parts(lines)[0]
-    total = parts.sum(dim=0)
-    current, jumped = fit.loss(total), False
+    current, jumped = fit.loss(model.joined(parts)), False
 
     def best_of(k: int, tried: list[torch.Tensor]) -> tuple[float, int]:
-        rest = total - parts[k]
-        losses = fit.losses(rest + model.parts(model.clamped(torch.stack(tried)))[0])
+        rest = model.joined(torch.cat([parts[:k], parts[k + 1 :]]))
+        losses = fit.losses(model.over(rest, model.parts(model.clamped(torch.stack(tried)))[0]))
         if fit.report is not None:
             fit.report(current)
         return min((loss, number) for number, loss in enumerate(losses))
@@ -85,9 +84,8 @@ def jump(fit: ImageFit, lines: torch.Tensor, most: int | None = None) -> tuple[t
             if found < least:
                 best, least = between[number], found
         best = model.clamped(best[None])[0]
-        new = model.heights(best[None])
-        total, jumped, current = total - parts[k] + new, True, least
-        parts[k], lines[k] = new, best
+        jumped, current = True, least
+        parts[k], lines[k] = model.parts(best[None])[0][0], best
     return lines, jumped
 
 
@@ -100,7 +98,7 @@ def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
         parts: each line alone [m], shape [L, n, n].
     """
     with torch.no_grad():
-        image = fit.simulator(parts.sum(dim=0).contiguous())
+        image = fit.seen(model.joined(parts))
     misfit = ((image - fit.measurement.irradiance).abs() * fit.measurement.weight).mean(dim=0)
     cells = torch.nn.functional.adaptive_avg_pool2d(misfit[None], model.n)[0].cpu().numpy()
     scores = []

@@ -9,7 +9,6 @@ image is explained no better, the answer is that of ``direct``.
 import dataclasses
 import time
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,7 +16,9 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
+from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.network_io import network_result
@@ -35,15 +36,23 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
+from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.rest import local_relief
-from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
 HOPELESS_SHARE = 0.25
 """Where lines leave less than this share of what the network's relief leaves, that is not refined: it would not win."""
+
+
+BENCH_ROUNDS = 2
+"""In which bench and lines are found together, and lines then searched for on that bench."""
+BENCH_GAIN = 0.9
+"""A bench must lower the discrepancy by this factor to be kept."""
 
 
 class FibresOptions(DirectOptions):
@@ -119,14 +128,19 @@ class _Run:
         started: float,
         progress: ProgressCallback | None,
     ):
-        self.method, self.answer = method, answer
+        self.method, self.answer, self.measured = method, answer, image
         profile = method.options.profile
         self.model = LineModel(method.scene, "cosine" if profile == "found" else profile, method.device)
-        exposure = np.asarray(answer.counters["exposure"])
-        camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
-        # Lines are looked for in channels that lie together; blur is in the model where reliefs are refined and judged.
-        self.resimulation = Resimulation(method.network.simulator, image, exposure).through(camera)
-        self.image = self.resimulation.image
+        self.exposure = np.asarray(answer.counters["exposure"], np.float64)
+        self.camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
+        # Lines are looked for in channels that lie together, and with the camera's blur in the model.
+        self.told = LinesView(
+            Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
+        )
+        self.view = self.told
+        """On the bench that explains the image best."""
+        self.numbers = numbers_of_lines(method.network.numbers)
+        self.bench = Bench.told(self.numbers)
         self.iterations = method.options.max_iterations or ITERATIONS
         total = (method.options.jumps + 2) * self.iterations
         self.log = RunLog(total, progress, method.options.max_time_s, started=started, history=list(answer.history))
@@ -134,6 +148,7 @@ class _Run:
         self.refined = 0
         """Steps of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
+        self.moves_section = False
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -141,46 +156,55 @@ class _Run:
         timings = {"network": self.log.elapsed_s}
         try:
             self._fit()
+            timings["fibres"] = self.log.elapsed_s - sum(timings.values())
+            if method.options.set_up == "estimate" and len(self.lines) and not self.told.is_explained(self.lines):
+                self._fit_with_bench()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
-        timings["fibres"] = self.log.elapsed_s - sum(timings.values())
-        heights, fibres = answer.heights_m, None
+        timings["bench of lines" if "fibres" in timings else "fibres"] = self.log.elapsed_s - sum(timings.values())
+        heights, fibres, view = answer.heights_m, None, self.told
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
-        counters["camera"] = self.resimulation.camera.record
         if method.finds_section:
-            counters["section_exponent"] = self.model.exponent
+            counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
         is_noise_left = False
         if len(self.lines):
-            found = self._relief(self.lines)
-            residual = self.resimulation(found).residual
+            found = self.view.relief(self.lines)
+            residual = self.view.resimulation(found).residual
             counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
             if residual < answer.residual:
-                heights, fibres = found, self.lines.numpy()
-                is_noise_left = is_explained(self.discrepancy(found))
+                heights, fibres, view = found, self.lines.numpy(), self.view
+                is_noise_left = is_explained(view.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
             candidates = {}
             if fibres is not None:
-                candidates["fibres"] = self._refined(heights)
+                candidates["fibres"] = self._refined(self.view, heights)
             if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * answer.residual:
-                candidates["network"] = self._refined(answer.heights_m)
+                candidates["network"] = self._refined(self.told, answer.heights_m)
             winner = min(candidates, key=lambda name: candidates[name].residual)
             heights, counters["refinement"] = candidates[winner].heights, candidates[winner].outcome
             if fibres is not None:
                 counters |= {f"residual_of_refined_{name}": found.residual for name, found in candidates.items()}
             if winner == "network":
-                fibres, counters["explained_by"] = None, "network"
+                fibres, counters["explained_by"], view = None, "network", self.told
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
-        counters["discrepancy"] = left = self.discrepancy(heights)
+        counters["camera"] = view.resimulation.camera.record
+        counters["discrepancy"] = left = view.discrepancy(heights)
         warnings = list(answer.warnings)
         if left is not None and not is_explained(left):
             warnings.append(
                 f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
                 "which the difference of the images shows"
             )
+        if view is not self.told:
+            counters["lines_bench"] = {
+                "values": dict(self.bench.values),
+                "sigma": dict(self.bench.sigma),
+                "field": self.bench.field.tolist(),
+            }
         result = network_result(
             method.name,
-            self.resimulation,
+            view.resimulation,
             heights,
             reason=self.reason,
             history=self.log.history,
@@ -188,17 +212,17 @@ class _Run:
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
-            uncertainty=self._uncertainty(heights, is_noise_left),
+            uncertainty=self._uncertainty(view, heights, is_noise_left),
             no_uncertainty=answer.no_uncertainty,
         )
         return dataclasses.replace(result, fibres_m=fibres)
 
-    def _uncertainty(self, heights: FloatArray, is_noise_left: bool) -> FloatArray | None:
+    def _uncertainty(self, view: LinesView, heights: FloatArray, is_noise_left: bool) -> FloatArray | None:
         """That of the network and of what is left, or of lines that leave nothing but noise, [m], shape [n, n]."""
         found = self.answer.uncertainty_m
         if found is None:
             return None
-        rest = None if is_noise_left or not self.method.options.causes else self.resimulation.rest(heights)
+        rest = None if is_noise_left or not self.method.options.causes else view.resimulation.rest(heights)
         if rest is not None:
             found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
         if is_noise_left:
@@ -206,64 +230,105 @@ class _Run:
         flatness_m = self.method.options.flatness_m
         return np.hypot(found, flatness_m) if flatness_m else found
 
-    @cached_property
-    def discrepancy(self) -> Discrepancy:
-        """What is left of the image."""
-        image, scene = self.image, self.method.scene
-        if image.noise_std is None:
-            image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
-        return Discrepancy(scene, image, self.method.device)
-
-    def _relief(self, lines: torch.Tensor) -> FloatArray:
-        """Heights of lines, shape [n, n] [m]."""
-        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.method.scene)
-
     def _fit(self) -> None:
-        method, scene = self.method, self.method.scene
+        """Lines on the bench that was told."""
         heights = torch.as_tensor(self.answer.heights_m)
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        pixels = method.options.pixels_on(method.device.type, scene)
-        most = method.options.most_lines
-        start = lines_of_relief(self.model, heights, spread, most=most)
-        relief_m, spread_m = (values.to(method.device, torch.float32) for values in (heights, spread))
+        start = lines_of_relief(self.model, heights, spread, most=self.method.options.most_lines)
+        self._search(self.told, start, self.method.options.jumps)
+
+    def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
+        method, device = self.method, self.method.device
+        answer = self.answer
+        spread = np.zeros_like(answer.heights_m) if answer.uncertainty_m is None else answer.uncertainty_m
+        relief_m, spread_m = (
+            torch.as_tensor(each).to(device, torch.float32)
+            for each in (answer.heights_m, spread / DIRECT_CALIBRATION.scale)
+        )
         search = LineSearch(
-            scene,
-            self.image,
+            view.scene,
+            view.image,
             self.model,
-            pixels,
-            jumps=method.options.jumps,
+            method.options.pixels_on(device.type, method.scene),
+            jumps=jumps,
             iterations=self.iterations,
-            finds_section=method.finds_section,
-            answer=Answer(relief_m, spread_m, most),
-            discrepancy=lambda lines: self.discrepancy(self._relief(lines)),
+            finds_section=method.finds_section and view is self.told,
+            moves_section=self.moves_section,
+            answer=Answer(relief_m, spread_m, method.options.most_lines),
+            discrepancy=view.left,
             report=self._note,
+            blur_px=view.blur_px,
         )
         try:
             search.run(start)
         finally:
-            self.lines = search.lines
+            self.lines = search.lines if len(search.lines) else start
+            self.moves_section = search.moves_section
+
+    def _fit_with_bench(self) -> None:
+        """Lines with the bench they tell, where that explains the image better."""
+        method = self.method
+        for _ in range(BENCH_ROUNDS):
+            kept = self.lines, self.view, self.bench, self.model.shape
+            together = BenchOfLines(
+                self.numbers,
+                self.told.image,
+                self.model,
+                usual_pixels(method.scene),
+                self.view.blur_px,
+                with_section=self.moves_section,
+                report=self._note,
+            )
+            lines, bench = together(self.lines, self.bench)
+            if bench is self.bench:
+                return
+            view = self._on(bench, lines)
+            try:
+                self._search(view, lines, 1)
+            except KeyboardInterrupt:
+                self.lines, self.view, self.bench, self.model.shape = kept
+                raise
+            was, now = kept[1].left(kept[0]), view.left(self.lines)
+            if was is None or now is None or not now < BENCH_GAIN * was:
+                self.lines, self.view, self.bench, self.model.shape = kept
+                return
+            self.view, self.bench = view, bench
+            if is_explained(now):
+                return
+
+    def _on(self, bench: Bench, lines: torch.Tensor) -> LinesView:
+        """The image on another bench, with the camera that lines tell there."""
+        simulator = CausticSimulator(self.numbers.scene_of(bench.values), "lattice", device=self.method.device)
+        image = seen_on(self.measured, self.numbers, bench, self.exposure)
+        plain = Resimulation(simulator, image, self.exposure)
+        camera = plain.found_camera(self.told.relief(lines))
+        return LinesView(plain.through(camera), self.model)
 
     def _note(self, loss: float) -> None:
         self.log.note("fibres", None, objective=loss)
 
-    def _refined(self, heights: FloatArray) -> "_Refined":
+    def _refined(self, view: LinesView, heights: FloatArray) -> "_Refined":
         """A relief after the steps that ``direct`` ends with."""
+        resimulation = view.resimulation
         if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
-            return _Refined(heights, self.resimulation(heights).residual, "interrupted")
+            return _Refined(heights, resimulation(heights).residual, "interrupted")
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
         elapsed = self.log.elapsed_s
         before = len(self.log.history) + self.refined
         progress = following(self.log.progress, before, self.log.started, "refinement, ")
-        found = self.method.refinement(self.resimulation, heights, elapsed, progress, spread)
+        refinement = self.method.refinement
+        if view is not self.told:
+            refinement = Refinement(view.scene, refinement.options, self.method.device, refinement.scale)
+        found = refinement(resimulation, heights, elapsed, progress, spread)
         self.refined += 0 if found is None else len(found.history)
         if found is None:
             self.reason = "max_time"
         elif found.reason in ("interrupted", "max_time"):
             self.reason = found.reason
         better = heights if found is None else found.heights
-        return _Refined(better, self.resimulation(better).residual, outcome(found))
+        return _Refined(better, resimulation(better).residual, outcome(found))
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,24 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image_fit import (
+    FINE_PHOTONS_PER_PIXEL,
+    METRIC_PHOTONS_PER_PIXEL,
+    ImageFit,
+    clearest_wavelength,
+    of_wavelength,
+)
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.section import with_section_found
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 ITERATIONS = 40
 """Of L-BFGS between jumps; half as many on more pixels after a search."""
@@ -23,9 +31,6 @@ of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of 
 
 JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 """Lines that may jump in the first round and in others, those with the worst misfit under them."""
-
-METRIC_PHOTONS_PER_PIXEL = 4
-"""Of the differences that descents take their metric from, on the fewest pixels."""
 
 FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
@@ -62,11 +67,13 @@ class LineSearch:
         pixels: size of the image for most of the work; jumps are tried at half as many, where the heights allow it.
         jumps: rounds of growth and jumps, at most; 0 where lines are known to be nearly right.
         iterations: of L-BFGS between jumps.
-        finds_section: the model's exponent is found with the lines.
+        finds_section: the model's section and overlap are looked for first.
+        moves_section: descents move the section; they do where another was found.
         answer: of the network, which tells where lines may be missing; None leaves their number.
         discrepancy: what lines leave of the image, in units of its noise; where it is more than noise, the search goes
             on with more pixels. None ends it.
         report: called after each evaluation with its loss; may raise.
+        blur_px: standard deviation of the camera's blur [px of the scene], shape [n_w]; None for none.
     """
 
     def __init__(
@@ -79,32 +86,44 @@ class LineSearch:
         jumps: int,
         iterations: int = ITERATIONS,
         finds_section: bool = False,
+        moves_section: bool = False,
         answer: Answer | None = None,
         discrepancy: Callable[[torch.Tensor], float | None] | None = None,
         report: Callable[[float], None] | None = None,
+        blur_px: FloatArray | None = None,
     ):
         self.jumps, self.iterations, self.answer, self.discrepancy = jumps, iterations, answer, discrepancy
-        self.finds_section = finds_section
+        self.finds_section, self.moves_section = finds_section, moves_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
 
         # One wavelength tells which lines there are, and nearly where; all of them tell better where.
-        seen, told = of_wavelength(image, scene, clearest_wavelength(image, scene))
+        clearest = clearest_wavelength(image, scene)
+        seen, told = of_wavelength(image, scene, clearest)
+        blur = np.zeros(scene.n_wavelengths) if blur_px is None else blur_px
         is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
         few = pixels // 2 if is_halved else pixels
-        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL)
+        one = blur[[clearest]]
+        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=one)
 
-        def finely(scene: Scene, image: CausticImage, size: int) -> ImageFit:
+        def finely(scene: Scene, image: CausticImage, size: int, blur_px: FloatArray) -> ImageFit:
             return ImageFit(
-                scene, image, model, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=report, metric=metric
+                scene,
+                image,
+                model,
+                size,
+                photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
+                report=report,
+                metric=metric,
+                blur_px=blur_px,
             )
 
-        self.coarse = self.fine = finely(told, seen, pixels)
+        self.coarse = self.fine = finely(told, seen, pixels, one)
         if is_halved:
-            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric)
+            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, blur_px=one)
         self.last = None
         if pixels < scene.image_pixels or scene.n_wavelengths > 1:
-            self.last = finely(scene, image, scene.image_pixels)
+            self.last = finely(scene, image, scene.image_pixels, blur)
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
         """Lines that explain the image better, shape [L, 6] [m].
@@ -113,14 +132,15 @@ class LineSearch:
             start: shape [L, 6] [m], float64.
         """
         if self.finds_section:
-            start = with_section_found(self.coarse, start)
+            start, is_other = with_section_found(self.coarse, start)
+            self.moves_section = self.moves_section or is_other
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
             coarse = self._searched(self.coarse, start)
-            found = self.fine.descend(coarse, self.iterations // 2, with_section=self.finds_section)
+            found = self.fine.descend(coarse, self.iterations // 2, with_section=self.moves_section)
             self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
-            self.lines = self.fine.descend(start, self.iterations, with_section=self.finds_section).lines
+            self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines
         for _ in range(FINE_ROUNDS if self.jumps and self.discrepancy is not None else 0):
             if self._is_solved():
                 return self.lines
@@ -143,7 +163,7 @@ class LineSearch:
     def _finish(self) -> None:
         if self.last is not None:
             iterations = min(FINAL_ITERATIONS, self.iterations)
-            self.lines = self.last.descend(self.lines, iterations, with_section=self.finds_section).lines
+            self.lines = self.last.descend(self.lines, iterations, with_section=self.moves_section).lines
 
     def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> torch.Tensor:
         """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time."""

@@ -1,53 +1,73 @@
-"""The section of all lines, from a few: which exponent g of cos(pi r / w)^(2 g) lets lines explain the image best?
+"""The section of all lines and what is printed where they cross, from a few: which lets lines explain the image best?
 
 A start for descents, which find it to a percent: the misfit has one valley in g when lines keep their width at half
 their height, but from far away a descent of all numbers would rather bend lines than their section.
 """
 
-import math
-
+import numpy as np
+import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
-from warp_caustics.prints.model import WIDTH
+from warp_caustics.prints.model import WIDTH, Overlap, Shape, line_section
 
-TRIED_EXPONENTS = (1.0, 0.5, 0.7, 1.4, 0.35, 2.0)
-"""The cosine first: another one must explain the image better."""
+TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(0.35))
+"""Cosine, quarter cosine, parabola, ellipse, a bell and a box."""
 TRIAL_ITERATIONS = 8
 """Of L-BFGS with each."""
 MORE_ITERATIONS = 15
-"""Of L-BFGS in which the exponent moves with the best lines."""
+"""Of L-BFGS in which the section moves with the best lines."""
+OTHER_FACTOR = 0.96
+"""Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
+anything with a section of their own."""
 
 
-def half_height(exponent: float) -> float:
-    """t = 2 r / w at which cos(pi t / 2)^(2 g) is one half [1]."""
-    return 2 / math.pi * math.acos(0.5 ** (1 / (2 * exponent)))
+def half_height(shape: Shape) -> float:
+    """t = 2 r / w at which the section is half as high as its crown [1]."""
+    found = scipy.optimize.brentq(lambda t: float(line_section(shape, np.array(t))) - 0.5, 0.0, 1.0, xtol=1e-12)
+    return float(found)
 
 
-def reshaped(lines: torch.Tensor, exponent: float, new: float) -> torch.Tensor:
-    """Lines of another exponent that are as wide at half their height, shape [L, 6] [m]."""
+def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
+    """Lines of another section that are as wide at half their height, shape [L, 6] [m]."""
     changed = lines.clone()
-    changed[:, WIDTH] *= half_height(exponent) / half_height(new)
+    changed[:, WIDTH] *= half_height(shape) / half_height(new)
     return changed
 
 
-def with_section_found(fit: ImageFit, lines: torch.Tensor) -> torch.Tensor:
-    """Lines of the exponent that explains the image best, shape [L, 6] [m]; the model has that exponent afterwards.
+def with_section_found(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
+    """Lines of the section and overlap that explain the image best; the model has these afterwards.
 
     Args:
         fit: judges; few pixels will do.
         lines: shape [L, 6] [m].
+
+    Returns:
+        Lines, shape [L, 6] [m], and whether their section is another than before.
     """
     model = fit.model
     if not len(lines):
-        return lines
-    given, best = model.exponent, (math.inf, model.exponent, lines)
+        return lines, False
+    given = model.shape
+    best_overlap: Overlap = model.overlap
     try:
-        for tried in TRIED_EXPONENTS:
-            model.exponent = tried
-            found = fit.descend(model.clamped(reshaped(lines, given, tried)), TRIAL_ITERATIONS)
-            if found.loss < best[0]:
-                best = (found.loss, tried, found.lines)
+        best_lines, best_shape = fit.descend(lines, TRIAL_ITERATIONS), given
+        if len(lines) > 1:
+            model.overlap = "max"
+            found = fit.descend(lines, TRIAL_ITERATIONS)
+            if found.loss < OTHER_FACTOR * best_lines.loss:
+                best_lines, best_overlap = found, "max"
+            model.overlap = best_overlap
+        least = OTHER_FACTOR * best_lines.loss
+        for shape in TRIED_SHAPES:
+            if shape == given:
+                continue
+            model.shape = shape
+            found = fit.descend(model.clamped(reshaped(lines, given, shape)), TRIAL_ITERATIONS)
+            if found.loss < min(least, best_lines.loss):
+                best_lines, best_shape = found, shape
     finally:
-        model.exponent = best[1]
-    return fit.descend(best[2], MORE_ITERATIONS, with_section=True).lines
+        model.shape, model.overlap = best_shape, best_overlap
+    if best_shape == given:
+        return best_lines.lines, False
+    return fit.descend(best_lines.lines, MORE_ITERATIONS, with_section=True).lines, True

@@ -8,7 +8,7 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
 from nets.reconstruct.fibres.section import half_height, reshaped
 from warp_caustics.prints.line import section_height
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import LineModel, Shape, line_section
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -21,57 +21,130 @@ LINES = 1e-3 * torch.tensor(
 OFF = 1e-3 * torch.tensor([0.1, -0.1, -0.1, 0.1, 0.2, -0.05], dtype=torch.float64)
 
 
-def model_of(exponent):
+def model_of(exponent, parabola=0.0, overlap="sum"):
     model = LineModel(SCENE)
-    model.exponent = exponent
+    model.shape, model.overlap = Shape(exponent, parabola), overlap
     return model
 
 
-def seen(exponent):
+def seen(exponent, parabola=0.0, overlap="sum"):
     """With 0.5 % noise."""
-    simulated = CausticSimulator(SCENE)(model_of(exponent).heights(LINES)).numpy()
+    simulated = CausticSimulator(SCENE)(model_of(exponent, parabola, overlap).heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
 
 
-@pytest.mark.parametrize("exponent", [0.35, 0.5, 1.0, 2.0])
-def test_width_at_half_the_height(exponent):
-    assert float(section_height(np.array([half_height(exponent)]), "cosine", exponent)[0]) == pytest.approx(0.5)
-    wider = reshaped(LINES, 1.0, exponent)
-    np.testing.assert_allclose(wider[:, 4] * half_height(exponent), LINES[:, 4] / 2)
+@pytest.mark.parametrize(
+    ("shape", "family", "exponent"),
+    [
+        (Shape(0.35), "cosine", 0.35),
+        (Shape(1.7), "cosine", 1.7),
+        (Shape(0.5, 1.0), "parabola", 0.5),
+        (Shape(1.0, 1.0), "parabola", 1.0),
+    ],
+)
+def test_the_ends_of_the_family_are_the_sections_of_prints(shape, family, exponent):
+    t = np.linspace(0, 1, 101)
+    np.testing.assert_allclose(line_section(shape, t), section_height(t, family, exponent), atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [Shape(0.35), Shape(0.5), Shape(1.0), Shape(2.0), Shape(1.0, 1.0), Shape(0.6, 0.5)])
+def test_width_at_half_the_height(shape):
+    assert float(line_section(shape, np.array(half_height(shape)))) == pytest.approx(0.5)
+    wider = reshaped(LINES, Shape(1.0), shape)
+    np.testing.assert_allclose(wider[:, 4] * half_height(shape), LINES[:, 4] / 2)
     assert torch.equal(wider[:, [0, 1, 2, 3, 5]], LINES[:, [0, 1, 2, 3, 5]])
 
 
-@pytest.mark.parametrize("exponent", [0.6, 1.0, 1.7])
-def test_derivative_by_the_exponent(exponent):
-    """Against the closed form dh/dg = 2 h ln cos(pi t / 2) of a section that a cell's mean hardly changes."""
-    model = LineModel(SCENE, supersampling=1)
-    model.exponent = exponent
+def section_across(model):
+    """Heights of a line along x across the whole plate [m], shape [N], and t of the samples; and the line."""
     line = LINES[:1].clone()
-    line[0, :4] = torch.tensor([-1e-1, 1e-3, 1e-1, 1e-3])  # along x, across the whole plate
-    column = model.by_exponent(line)[:, N // 2].double().numpy()
+    line[0, :4] = torch.tensor([-1e-1, 1e-3, 1e-1, 1e-3])
     y = (np.arange(N) + 0.5) / N * SCENE.plate_size_m[1] - SCENE.plate_size_m[1] / 2
-    t = np.abs(y - 1e-3) * 2 / float(line[0, 4])
-    cosine = np.cos(np.pi / 2 * np.clip(t, 0, 1 - 1e-9))
-    expected = np.where(t < 1, 2 * float(line[0, 5]) * cosine ** (2 * exponent) * np.log(cosine), 0.0)
-    np.testing.assert_allclose(column, expected, atol=2e-3 * np.abs(expected).max())
-    assert model.exponent == exponent
+    return line, np.abs(y - 1e-3) * 2 / float(line[0, 4])
 
 
-@pytest.mark.parametrize("exponent", [0.5, 1.0, 1.6])
-def test_the_section_is_found_with_the_lines(exponent):
-    model, truth = LineModel(SCENE), model_of(exponent).heights(LINES)
-    search = LineSearch(SCENE, seen(exponent), model, 2 * N, jumps=0, finds_section=True)
-    found = search.run(reshaped(LINES + OFF, exponent, 1.0))
-    assert model.exponent == pytest.approx(exponent, rel=0.06)
-    assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 1.0
+@pytest.mark.parametrize("shape", [Shape(1.0), Shape(0.6), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.3, 0.4)])
+def test_lines_have_the_section_of_the_oracle(shape):
+    model = LineModel(SCENE, supersampling=1)
+    model.shape = shape
+    line, t = section_across(model)
+    column = model.heights(line)[:, N // 2].double().numpy()
+    np.testing.assert_allclose(column, float(line[0, 5]) * line_section(shape, t), atol=2e-6)
+
+
+@pytest.mark.parametrize("shape", [Shape(0.6), Shape(1.0), Shape(1.7), Shape(1.0, 0.3)])
+def test_derivatives_by_the_section(shape):
+    """Against the closed forms of a section that a cell's mean hardly changes."""
+    model = LineModel(SCENE, supersampling=1)
+    model.shape = shape
+    line, t = section_across(model)
+    found = model.by_shape(line)[:, :, N // 2].double().numpy()
+    inside = np.clip(t, 0, 1 - 1e-9)
+    cosine2, parabola = np.cos(np.pi / 2 * inside) ** 2, 1 - inside**2
+    base, height = (1 - shape.parabola) * cosine2 + shape.parabola * parabola, float(line[0, 5])
+    by_exponent = np.where(t < 1, height * base**shape.exponent * np.log(base), 0.0)
+    by_parabola = np.where(t < 1, height * shape.exponent * base ** (shape.exponent - 1) * (parabola - cosine2), 0.0)
+    np.testing.assert_allclose(found[0], by_exponent, atol=4e-3 * np.abs(by_exponent).max())
+    np.testing.assert_allclose(found[1], by_parabola, atol=3e-2 * np.abs(by_parabola).max())
+    assert model.shape == shape
+
+
+@pytest.mark.parametrize("shape", [Shape(0.7), Shape(1.6), Shape(1.0, 1.0), Shape(0.8, 0.5)])
+@pytest.mark.parametrize("number", range(6))
+def test_derivatives_of_lines_of_any_section(shape, number):
+    model, step = LineModel(SCENE, supersampling=8), torch.zeros(6, dtype=torch.float64)
+    model.shape = shape
+    step[number] = 2e-6
+    derivative = model.parts(LINES)[1][:, number]
+    difference = (model.parts(LINES + step)[0] - model.parts(LINES - step)[0]) / 4e-6
+    scale = difference.abs().amax()
+    assert float((derivative - difference).abs().mean()) < 0.01 * float(scale)
+
+
+def test_where_lines_cross_the_highest_is_printed():
+    model = model_of(1.0, overlap="max")
+    parts = model.parts(LINES)[0]
+    assert torch.equal(model.heights(LINES), parts.amax(dim=0))
+    assert torch.equal(model.without_each(parts), parts.flip(0))
+    relief, jacobian = model.with_jacobian(LINES)
+    lower = parts[0] < relief
+    assert bool((jacobian[:6, lower] == 0).all()) and bool((jacobian[5, ~lower] > 0).any())
+
+
+@pytest.mark.parametrize("shape", [Shape(0.5), Shape(1.0), Shape(1.6), Shape(1.0, 1.0)])
+def test_the_section_is_found_with_the_lines(shape):
+    model, truth = LineModel(SCENE), model_of(*shape).heights(LINES)
+    search = LineSearch(SCENE, seen(*shape), model, 2 * N, jumps=0, finds_section=True)
+    found = search.run(reshaped(LINES + OFF, shape, Shape(1.0)))
+    t = np.linspace(0, half_height(shape), 20)
+    same = model.shape._replace(exponent=model.shape.exponent)
+    across = line_section(same, t * half_height(same) / half_height(shape))
+    np.testing.assert_allclose(across, line_section(shape, t), atol=0.02)
+    assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 2.5
+
+
+def test_a_cosine_stays_one_where_it_is_the_section():
+    model = LineModel(SCENE)
+    search = LineSearch(SCENE, seen(1.0), model, 2 * N, jumps=0, finds_section=True)
+    search.run(LINES + OFF)
+    assert model.shape == Shape(1.0)
+    assert model.overlap == "sum"
+
+
+def test_the_overlap_is_found():
+    model, truth = LineModel(SCENE), model_of(1.0, overlap="max").heights(LINES)
+    search = LineSearch(SCENE, seen(1.0, overlap="max"), model, 2 * N, jumps=0, finds_section=True)
+    found = search.run(LINES + OFF)
+    assert model.overlap == "max"
+    assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 2.5
 
 
 def test_a_told_section_stays():
     model = LineModel(SCENE)
     ImageFit(SCENE, seen(0.6), model, 2 * N).descend(LINES + OFF, 10)
-    assert model.exponent == 1.0
+    assert model.shape == Shape(1.0)
     fit = ImageFit(SCENE, seen(0.6), model, 2 * N)
     better = fit.descend(LINES + OFF, 30, with_section=True)
-    assert model.exponent < 0.9
+    assert model.shape.exponent < 0.9
     assert fit.loss(model.heights(better.lines)) == pytest.approx(better.loss, rel=1e-6), "left at its best"

@@ -51,7 +51,7 @@ def test_gradient_with_respect_to_lines(model, image):
     fit = ImageFit(SCENE, image, model, 2 * N)
     off = LINES + 1e-4
     parts, derivatives = model.parts(off)
-    _, gradient = fit.with_gradient(parts.sum(0))
+    _, gradient, _ = fit.with_gradient(parts.sum(0))
     direction = torch.randn(off.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     slope = float((derivatives.flatten(2) @ gradient.flatten()).double().flatten() @ direction.flatten())
     step = 1e-6

@@ -1,0 +1,245 @@
+"""The bench that lines of a known section tell: its numbers and the evenness of the light, found with the lines.
+
+Heights that are free make up for a wrong gap: lower by as much as light goes further, they explain the image alike.
+Lines of one section do not: how wide they are and how they bend light at their crown hang together. What an image says
+of a bench is found by linearising it about the bench so far,
+
+    E(lines, theta + d) + field = E(lines, theta) + sum_k d_k dE/dtheta_k + E sum_j c_j P_j,
+
+and descending in lines, d and c together; then again about the bench that was found. P_j are the brightness of each
+channel and slopes and curvatures of the light over the picture.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
+from warp_caustics.calibration.flat_light import flat_light
+from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_model import BenchModel
+from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
+from warp_caustics.resampling import blur_matrices
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+TOLD_BY_LINES = ("gap_m", "base_thickness_m", "index_offset")
+"""Numbers that heights make up for and lines do not."""
+FIELD_WIDTH = 0.05
+"""Standard deviation of each channel's brightness, and of what light differs by at the rim."""
+ROUNDS = 5
+"""Benches about which the image is linearised, at most."""
+ITERATIONS = 30
+"""Of L-BFGS about each."""
+LEAST_GAIN = 5e-3
+"""Share by which the misfit must fall to go on."""
+CORRELATED_PX = 25.0
+"""Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
+
+
+def numbers_of_lines(numbers: BenchNumbers) -> BenchNumbers:
+    """With the numbers that lines tell besides those that heights do."""
+    more = tuple(p for p in numbers.not_told if p.name in TOLD_BY_LINES)
+    rest = tuple(p for p in numbers.not_told if p.name not in TOLD_BY_LINES)
+    return dataclasses.replace(numbers, parameters=(*numbers.parameters, *more), not_told=rest)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench and its light.
+
+    Attributes:
+        values: of its numbers, by name.
+        field: brightness of each channel less 1, then slopes along x and y and curvatures x^2, xy, y^2 of all
+            channels, x and y from -1 to 1 over the picture, shape [n_w + 5].
+        sigma: standard deviations of values, by name; empty of the told one.
+    """
+
+    values: Mapping[str, float]
+    field: FloatArray
+    sigma: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def told(cls, numbers: BenchNumbers) -> "Bench":
+        """As it is told, evenly lit."""
+        values = {name: numbers.before[name] for name in numbers.names}
+        return cls(values, np.zeros(numbers.scene.n_wavelengths + 5))
+
+    def light(self, pixels: int) -> FloatArray:
+        """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""
+        return 1 + np.tensordot(self.field, field_modes(len(self.field) - 5, pixels), 1)
+
+
+def field_modes(channels: int, pixels: int) -> FloatArray:
+    """Patterns of :attr:`Bench.field`, shape [n_w + 5, n_w, m, m]."""
+    x = (np.arange(pixels) + 0.5) * (2 / pixels) - 1
+    along_x, along_y = np.broadcast_to(x, (pixels, pixels)), np.broadcast_to(x[:, None], (pixels, pixels))
+    own = np.eye(channels)[:, :, None, None] * np.ones((pixels, pixels))
+    shared = np.stack([along_x, along_y, along_x**2 - 1 / 3, along_x * along_y, along_y**2 - 1 / 3])
+    modes: FloatArray = np.concatenate([own, np.repeat(shared[:, None], channels, axis=1)])
+    return modes
+
+
+def seen_on(
+    image: CausticImage, numbers: BenchNumbers, bench: Bench, exposure: FloatArray | None = None
+) -> CausticImage:
+    """An image as it would be on the bench's own flat plate, evenly lit and without stray light.
+
+    Args:
+        image: as it was measured.
+        numbers: that the bench's are.
+        bench: that it was taken on.
+        exposure: of the image, shape [n_w]; 1 if None.
+    """
+    scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
+    level = np.asarray(scene.radiosity_W_m2, np.float64) * (1.0 if exposure is None else exposure)
+    irradiance = np.asarray(image.irradiance, np.float64) / bench.light(scene.image_pixels)
+    irradiance = (irradiance * (1 + stray) - stray * level[:, None, None]) * flat_ratio(numbers, bench)
+    noise = None if image.noise_std is None else np.asarray(image.noise_std) * (1 + stray)
+    return dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+
+
+def as_measured(shown: FloatArray, numbers: BenchNumbers, bench: Bench, exposure: FloatArray) -> FloatArray:
+    """The inverse of :func:`seen_on` for irradiance [W/m^2], shape [n_w, m, m]."""
+    scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
+    level = np.asarray(scene.radiosity_W_m2, np.float64) * exposure
+    light = (shown / flat_ratio(numbers, bench) + stray * level[:, None, None]) / (1 + stray)
+    measured: FloatArray = light * bench.light(scene.image_pixels)
+    return measured
+
+
+def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
+    """Light of a flat plate on the bench over that on the told one, shape [n_w, m, m]; 1 for parallel light."""
+    told, found = numbers.scene, numbers.scene_of(bench.values)
+    if found.is_collimated and told.is_collimated:
+        return np.ones((told.n_wavelengths, told.image_pixels, told.image_pixels))
+    return _level(found) / _level(told)
+
+
+def _level(scene: Scene) -> FloatArray:
+    level: FloatArray = flat_light(in_units_of_radiosity(scene, scene.image_pixels), scene.image_pixels).numpy()
+    return np.maximum(level, 1e-3)
+
+
+class BenchOfLines:
+    """Finds bench and lines together.
+
+    Args:
+        numbers: what is looked for (:func:`numbers_of_lines`).
+        image: as it was measured, at an exposure of 1 and with its channels together.
+        model: renders lines.
+        few: size of the image for the metric of descents; all else is at all pixels: fewer ones, simulated as such, are
+            not quite the means of many, which looks like another bench (gap 30 um, lamp at 8 m).
+        blur_px: standard deviation of the camera's blur [px], shape [n_w].
+        with_section: the model's section is found with them.
+        report: called after each evaluation with its loss; may raise.
+    """
+
+    def __init__(
+        self,
+        numbers: BenchNumbers,
+        image: CausticImage,
+        model: LineModel,
+        few: int,
+        blur_px: FloatArray,
+        *,
+        with_section: bool = False,
+        report: Callable[[float], None] | None = None,
+    ):
+        self.numbers, self.image, self.model, self.few, self.blur_px = numbers, image, model, few, blur_px
+        self.with_section, self.report = with_section, report
+        scene, pixels = numbers.scene, numbers.scene.image_pixels
+        blur = blur_matrices(pixels, blur_px, model.device) if np.any(blur_px) else None
+        self._model = BenchModel(numbers, pixels, model.device, blur)
+        self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
+        self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
+
+    def fit_on(self, bench: Bench) -> ImageFit:
+        """The misfit on a bench.
+
+        Raises:
+            InputError: values that make no bench.
+        """
+        scene, image = self.numbers.scene_of(bench.values), seen_on(self.image, self.numbers, bench)
+        blur_px = self.blur_px
+        metric = ImageFit(
+            scene, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=blur_px
+        )
+        return ImageFit(
+            scene,
+            image,
+            self.model,
+            scene.image_pixels,
+            photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
+            report=self.report,
+            metric=metric,
+            blur_px=blur_px,
+        )
+
+    def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
+        """Lines that explain the image better, shape [L, 6] [m], and the bench on which they do."""
+        fit = self.fit_on(bench)
+        loss = fit.loss(self.model.heights(lines))
+        for _ in range(ROUNDS):
+            shape = self.model.shape
+            moved, beside, sigma = self._descended(fit, lines, bench, loss)
+            trial = self._moved(bench, beside, sigma)
+            try:
+                on_trial = self.fit_on(trial)
+            except InputError:
+                self.model.shape = shape
+                break
+            found = on_trial.loss(self.model.heights(moved))
+            if found >= loss:
+                self.model.shape = shape
+                break
+            is_there = found > (1 - LEAST_GAIN) * loss
+            lines, bench, fit, loss = moved, trial, on_trial, found
+            if is_there:
+                break
+        return lines, bench
+
+    def _descended(
+        self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float
+    ) -> tuple[torch.Tensor, FloatArray, FloatArray]:
+        """Lines after a descent with what is linear beside them, its amplitudes and their deviations [widths]."""
+        heights = self.model.heights(lines)
+        seen = self._model.image(heights, bench.values)
+        by_numbers = self._model.by_numbers(heights, bench.values, seen)
+        widths = torch.as_tensor(self._widths, dtype=torch.float32, device=seen.device)
+        modes = torch.cat([by_numbers, self._field * seen]) * widths[:, None, None, None]
+        counted = float((fit.measurement.weight > 0).sum())
+        weight = 2 * loss * CORRELATED_PX / max(counted, 1.0)
+        count = len(self.numbers.parameters)
+        at = np.array([bench.values[name] for name in self.numbers.names])
+        told = np.array([self.numbers.before[name] for name in self.numbers.names])
+        before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
+        beside = Beside(modes, before, weight)
+        found = fit.descend(lines, ITERATIONS, with_section=self.with_section, beside=beside)
+        return found.lines, found.beside, self._deviations(fit, found.lines, beside)
+
+    def _deviations(self, fit: ImageFit, lines: torch.Tensor, beside: Beside) -> FloatArray:
+        """Of amplitudes, with lines free to move along, shape [K] [widths]."""
+        heights, derivatives = self.model.with_jacobian(lines)
+        information = fit.metric.normal_matrix(heights, derivatives, beside).numpy()
+        count = len(beside.modes)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
+        scale[-count:] = 1.0
+        information /= np.outer(scale, scale)
+        information[-count:, -count:] += beside.weight * np.eye(count)
+        information[:-count, :-count] += 1e-6 * np.eye(len(information) - count)
+        covariance = beside.weight * np.linalg.inv(information)
+        return np.sqrt(np.maximum(np.diag(covariance)[-count:], 0.0))
+
+    def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
+        names, count = self.numbers.names, len(self.numbers.parameters)
+        step = beside * self._widths
+        values = {name: bench.values[name] + float(d) for name, d in zip(names, step[:count], strict=True)}
+        deviations = dict(zip(names, (sigma * self._widths)[:count].tolist(), strict=True))
+        return Bench(self.numbers.within(values), bench.field + step[count:], deviations)

@@ -1,0 +1,60 @@
+"""What lines are compared with: an image on one bench, through the camera that took it."""
+
+import dataclasses
+from functools import cached_property
+
+import torch
+
+from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+
+class LinesView:
+    """An image, its bench and camera, and what lines leave of it there.
+
+    Args:
+        resimulation: of the image on the bench, through its camera.
+        model: renders lines.
+    """
+
+    def __init__(self, resimulation: Resimulation, model: LineModel):
+        self.resimulation, self.model = resimulation, model
+
+    @property
+    def scene(self) -> Scene:
+        """The bench."""
+        return self.resimulation.simulator.scene
+
+    @property
+    def image(self) -> CausticImage:
+        """At an exposure of 1, with its channels together."""
+        return self.resimulation.image
+
+    @property
+    def blur_px(self) -> FloatArray:
+        """Of the camera, shape [n_w]."""
+        return self.resimulation.camera.blur
+
+    @cached_property
+    def discrepancy(self) -> Discrepancy:
+        """What is left of the image."""
+        image = self.image
+        if image.noise_std is None:
+            image = dataclasses.replace(image, noise_std=estimated_noise(image, self.scene))
+        return Discrepancy(self.scene, image, self.resimulation.simulator.device, self.blur_px)
+
+    def relief(self, lines: torch.Tensor) -> FloatArray:
+        """Heights of lines, shape [n, n] [m]."""
+        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.scene)
+
+    def left(self, lines: torch.Tensor) -> float | None:
+        """Discrepancy of lines; None if the noise of the image is unknown."""
+        return self.discrepancy(self.relief(lines))
+
+    def is_explained(self, lines: torch.Tensor) -> bool:
+        """Whether lines leave nothing but noise."""
+        return is_explained(self.left(lines))

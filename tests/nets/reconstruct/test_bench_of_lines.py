@@ -1,0 +1,122 @@
+"""The bench that lines tell, on a small scene."""
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.fibres.bench_of_lines import (
+    Bench,
+    BenchOfLines,
+    as_measured,
+    field_modes,
+    numbers_of_lines,
+    seen_on,
+)
+from nets.reconstruct.fibres.image_fit import Beside, ImageFit
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.resampling import blur_matrices, blurred
+from warp_caustics.scene import Scene
+from warp_caustics.setup.optical import with_optical_values
+from warp_caustics.simulator import CausticSimulator
+
+N = 48
+SCENE = Scene(height_samples=N, image_pixels=4 * N, screen_position_m=(0.0, 0.0, -1e-3))
+MODEL = LineModel(SCENE)
+LINES = 1e-3 * torch.tensor(
+    [
+        [-15.0, -12.0, 14.0, 9.0, 4.0, 0.9],
+        [-9.0, 15.0, 10.0, -16.0, 3.2, 1.2],
+        [-18.0, 5.0, 12.0, 16.0, 3.6, 1.0],
+    ],
+    dtype=torch.float64,
+)
+OFF = 1e-3 * torch.tensor([0.05, -0.05, -0.05, 0.05, 0.1, -0.03], dtype=torch.float64)
+NOISE = 0.005
+BLUR = np.full(3, 0.8)
+
+
+def numbers():
+    return numbers_of_lines(BenchNumbers.of(SCENE))
+
+
+def true_bench(**values):
+    told = Bench.told(numbers())
+    field = np.zeros(len(told.field))
+    field[3] = 0.02
+    return Bench({**told.values, **values}, field)
+
+
+def photographed(bench):
+    """Lines on a bench through a soft lens, with noise."""
+    scene = with_optical_values(SCENE, {k: v for k, v in bench.values.items() if k != "ambient"})
+    shown = blurred(CausticSimulator(scene)(MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
+    measured = as_measured(shown.astype(np.float64), numbers(), bench, np.ones(3))
+    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    return CausticImage((measured + noise).astype(np.float32), np.full(3, NOISE))
+
+
+def error_um(lines):
+    return 1e6 * float((MODEL.heights(lines) - MODEL.heights(LINES)).square().mean().sqrt())
+
+
+def test_lines_tell_the_gap_that_free_heights_make_up_for():
+    image = photographed(true_bench(gap_m=1.1e-3, ambient=0.02, screen_x_m=4e-5))
+    told = ImageFit(SCENE, image, MODEL, 4 * N, blur_px=BLUR)
+    wrong = told.descend(LINES + OFF, 40).lines
+    together = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)
+    lines, bench = together(wrong, Bench.told(numbers()))
+    assert error_um(wrong) > 5
+    assert error_um(lines) < 1.5
+    assert bench.values["ambient"] == pytest.approx(0.02, abs=0.004)
+    assert bench.values["screen_x_m"] == pytest.approx(4e-5, abs=3e-6)
+    assert bench.field[3] == pytest.approx(0.02, abs=0.004)
+    # Gap, base and index hang together: how far light goes behind the crown is told.
+    throw = bench.values["gap_m"] + (bench.values["base_thickness_m"] - 3e-3) / 1.46
+    assert throw == pytest.approx(1.1e-3, abs=4e-5)
+    assert all(0 < bench.sigma[p.name] <= 1.01 * p.prior for p in numbers().parameters)
+
+
+def test_a_bench_that_is_as_told_is_left_so():
+    image = photographed(Bench.told(numbers()))
+    _, bench = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)(LINES, Bench.told(numbers()))
+    for p in numbers().parameters:
+        assert abs(bench.values[p.name] - numbers().before[p.name]) < 0.6 * p.prior
+    assert np.abs(bench.field).max() < 0.005
+
+
+def test_numbers_that_are_known_exactly_stay():
+    known = numbers_of_lines(BenchNumbers.of(SCENE, {"gap_m": 0.0, "vergence_per_m": 0.0}))
+    assert not {"gap_m", "vergence_per_m"} & set(known.names)
+    assert {"base_thickness_m", "index_offset"} <= set(known.names)
+
+
+@pytest.mark.parametrize("values", [{"ambient": 0.05}, {"vergence_per_m": 2.0, "ambient": 0.01}])
+def test_an_image_is_taken_to_another_bench_and_back(values):
+    bench, exposure = true_bench(**values), np.array([0.9, 1.0, 1.1])
+    shown = np.random.default_rng(1).uniform(0.2, 3.0, (3, 4 * N, 4 * N))
+    image = CausticImage(as_measured(shown, numbers(), bench, exposure), np.full(3, NOISE))
+    np.testing.assert_allclose(seen_on(image, numbers(), bench, exposure).irradiance, shown, rtol=1e-9, atol=1e-9)
+
+
+def test_patterns_of_light_are_even_on_average_but_for_brightness():
+    modes = field_modes(3, 64)
+    assert modes.shape == (8, 3, 64, 64)
+    np.testing.assert_allclose(modes[3:].mean(axis=(2, 3)), 0.0, atol=2e-4)
+    np.testing.assert_array_equal(modes[:3].mean(axis=(2, 3)), np.eye(3))
+
+
+def test_gradient_by_what_is_beside():
+    """Against differences of the loss."""
+    image = photographed(Bench.told(numbers()))
+    fit = ImageFit(SCENE, image, MODEL, 2 * N, blur_px=BLUR)
+    modes = torch.tensor(field_modes(3, 2 * N), dtype=torch.float32)
+    beside = Beside(modes, np.linspace(-1, 1, 8), 1e-3)
+    heights, at = MODEL.heights(LINES + OFF), np.linspace(0.01, 0.02, 8)
+    gradient = fit.with_gradient(heights, beside, at)[2]
+    for k in range(8):
+        step = np.zeros(8)
+        step[k] = 1e-3
+        ahead, behind = (fit.with_gradient(heights, beside, at + sign * step)[0] for sign in (1, -1))
+        assert gradient[k] == pytest.approx((ahead - behind) / 2e-3, rel=2e-3, abs=1e-6)
