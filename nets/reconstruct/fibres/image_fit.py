@@ -142,9 +142,19 @@ class ImageFit:
         caustic = self.simulator(heights_m.contiguous())
         return caustic if self._blur is None else blurred(caustic, self._blur)
 
-    def loss(self, heights_m: torch.Tensor) -> float:
-        """Misfit of a relief [m], shape [n, n]."""
-        return self.losses(heights_m[None])[0]
+    def loss(self, heights_m: torch.Tensor, *, at_exposure: bool = False) -> float:
+        """Misfit of a relief [m], shape [n, n]; as bright as the image, channel by channel, if so wished."""
+        if not at_exposure:
+            return self.losses(heights_m[None])[0]
+        measured, weight = self.measurement.irradiance, self.measurement.weight
+        with torch.no_grad():
+            seen = self.seen(heights_m)
+            light = (
+                (seen * weight).sum((1, 2), dtype=torch.float64),
+                (measured * weight).sum((1, 2), dtype=torch.float64),
+            )
+            ratio = torch.where(light[0] > 0, light[1] / light[0], 1.0).float()
+            return float(self.measurement.data_term(seen * ratio[:, None, None], "charbonnier", self.width))
 
     def losses(self, heights_m: torch.Tensor) -> list[float]:
         """Misfits of reliefs [m], shape [B, n, n]."""

@@ -16,7 +16,14 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.bench_of_lines import (
+    Bench,
+    BenchOfLines,
+    as_measured,
+    numbers_of_lines,
+    seen_on,
+    with_effects,
+)
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
@@ -162,7 +169,7 @@ class _Run:
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
         timings["bench of lines" if "fibres" in timings else "fibres"] = self.log.elapsed_s - sum(timings.values())
-        heights, fibres, view = answer.heights_m, None, self.told
+        heights, fibres, view = answer.heights_m, None, self.view
         counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
         if method.finds_section:
             counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
@@ -170,23 +177,24 @@ class _Run:
         if len(self.lines):
             found = self.view.relief(self.lines)
             residual = self.view.resimulation(found).residual
-            counters |= {"residual_of_network": answer.residual, "residual_of_fibres": residual}
-            if residual < answer.residual:
-                heights, fibres, view = found, self.lines.numpy(), self.view
+            of_network = self.view.resimulation(answer.heights_m).residual
+            counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
+            if residual < of_network:
+                heights, fibres = found, self.lines.numpy()
                 is_noise_left = is_explained(view.discrepancy(found))
                 counters["explained_by"] = "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
             candidates = {}
             if fibres is not None:
                 candidates["fibres"] = self._refined(self.view, heights)
-            if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * answer.residual:
-                candidates["network"] = self._refined(self.told, answer.heights_m)
+            if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * counters["residual_of_network"]:
+                candidates["network"] = self._refined(self.view, answer.heights_m)
             winner = min(candidates, key=lambda name: candidates[name].residual)
             heights, counters["refinement"] = candidates[winner].heights, candidates[winner].outcome
             if fibres is not None:
                 counters |= {f"residual_of_refined_{name}": found.residual for name, found in candidates.items()}
             if winner == "network":
-                fibres, counters["explained_by"], view = None, "network", self.told
+                fibres, counters["explained_by"] = None, "network"
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["camera"] = view.resimulation.camera.record
         counters["discrepancy"] = left = view.discrepancy(heights)
@@ -201,6 +209,8 @@ class _Run:
                 "values": dict(self.bench.values),
                 "sigma": dict(self.bench.sigma),
                 "field": self.bench.field.tolist(),
+                "fresnel": view.scene.fresnel,
+                "second_hits": view.scene.second_hits,
             }
         result = network_result(
             method.name,
@@ -215,6 +225,9 @@ class _Run:
             uncertainty=self._uncertainty(view, heights, is_noise_left),
             no_uncertainty=answer.no_uncertainty,
         )
+        if view is not self.told:
+            measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
+            result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
         return dataclasses.replace(result, fibres_m=fibres)
 
     def _uncertainty(self, view: LinesView, heights: FloatArray, is_noise_left: bool) -> FloatArray | None:
@@ -271,30 +284,32 @@ class _Run:
         """Lines with the bench they tell, where that explains the image better."""
         method = self.method
         for _ in range(BENCH_ROUNDS):
-            kept = self.lines, self.view, self.bench, self.model.shape
+            kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
+            blur_px = self.view.blur_px
+            image = seen_on(self.told.image, self.numbers, self.bench)
+            scene = with_effects(self.view.scene, image, self.model, self.lines, blur_px)
+            effects = {"fresnel": scene.fresnel, "second_hits": scene.second_hits}
+            self.numbers = dataclasses.replace(self.numbers, scene=self.numbers.scene.model_copy(update=effects))
             together = BenchOfLines(
                 self.numbers,
                 self.told.image,
                 self.model,
                 usual_pixels(method.scene),
-                self.view.blur_px,
+                blur_px,
                 with_section=self.moves_section,
                 report=self._note,
             )
-            lines, bench = together(self.lines, self.bench)
-            if bench is self.bench:
-                return
-            view = self._on(bench, lines)
             try:
-                self._search(view, lines, 1)
+                lines, self.bench = together(self.lines, self.bench)
+                self.view = self._on(self.bench, lines)
+                self._search(self.view, lines, 1)
             except KeyboardInterrupt:
-                self.lines, self.view, self.bench, self.model.shape = kept
+                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 raise
-            was, now = kept[1].left(kept[0]), view.left(self.lines)
+            was, now = kept[1].left(kept[0]), self.view.left(self.lines)
             if was is None or now is None or not now < BENCH_GAIN * was:
-                self.lines, self.view, self.bench, self.model.shape = kept
+                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 return
-            self.view, self.bench = view, bench
             if is_explained(now):
                 return
 
