@@ -25,7 +25,10 @@ from warp_caustics.types import FloatArray
 Create = Callable[..., Reconstructor]
 """``create`` of the registry: name, scene, device and options to a method."""
 
-Plan = Literal["refine", "direct", "transport+refine"]
+Plan = Literal["refine", "direct", "fibres", "transport+refine"]
+
+NETWORKED = ("direct", "fibres")
+"""Plans whose methods ask a network, and take options about the bench."""
 
 
 @dataclass(frozen=True)
@@ -36,19 +39,23 @@ class Choice:
     why: str
 
 
-def choose(has_start: bool, has_folds: bool, refusal: str | None) -> Choice:
+def choose(has_start: bool, has_folds: bool, refusal: str | None, device_type: str = "cpu") -> Choice:
     """The plan for an image.
 
     Args:
         has_start: a relief to start from is given.
         has_folds: light paths cross, by the brightness of the image.
         refusal: why no direct network can be used; None if one can.
+        device_type: where to compute: on a GPU lines take seconds.
     """
     if has_start:
         return Choice("refine", "a start is given, and refine makes the most of one")
     if not has_folds:
         return Choice("refine", "the image shows no folds, and descent from flat finds weak reliefs exactly")
     if refusal is None:
+        if device_type == "cuda":
+            why = "a trained network knows this scene, and lines that explain the image are more exact than its answer"
+            return Choice("fibres", why)
         why = "a trained network knows this scene (printed lines: --method fibres takes longer and is more exact)"
         return Choice("direct", why)
     return Choice("transport+refine", f"no network can be used ({refusal})")
@@ -83,6 +90,7 @@ class Auto(Reconstructor):
     def __init__(self, scene: Scene, options: Mapping[str, Any], device: str | torch.device, create: Create):
         self.scene, self.options, self.device, self._create = scene, dict(options), usable_device(device), create
         self._made: dict[str, Reconstructor] = {}
+        self._networked = choose(False, True, None, self.device.type).plan
         if "weights" not in self.options:
             _check_options(self.options)
 
@@ -96,8 +104,8 @@ class Auto(Reconstructor):
         folds = has_folds(image, self.scene)
         # A network is loaded only where it may be used.
         refusal = self._refusal() if initial is None and folds else None
-        choice = choose(initial is not None, folds, refusal)
-        self._method("direct" if choice.plan == "direct" else "refine")
+        choice = choose(initial is not None, folds, refusal, self.device.type)
+        self._method(choice.plan if choice.plan in NETWORKED else "refine")
         return choice
 
     def reconstruct(
@@ -128,12 +136,13 @@ class Auto(Reconstructor):
         return dataclasses.replace(result, settings=result.settings | {"auto": {"plan": choice.plan, "why": why}})
 
     def _refusal(self) -> str | None:
-        """Why ``direct`` cannot be made; None if it was."""
+        """Why no method with a network can be made; None if it was."""
         if not shipped_weights() and self.options.get("weights") is None:
             return "none comes with this software"
         try:
-            if "direct" not in self._made:
-                self._made["direct"] = self._create("direct", self.scene, device=self.device, **self.options)
+            if self._networked not in self._made:
+                made = self._create(self._networked, self.scene, device=self.device, **self.options)
+                self._made[self._networked] = made
         except (InputError, MismatchError) as error:
             if "weights" in self.options:
                 raise  # these and no others are wanted
@@ -142,7 +151,7 @@ class Auto(Reconstructor):
 
     def _method(self, name: str) -> Reconstructor:
         if name not in self._made:
-            taken = {key: v for key, v in self.options.items() if name == "direct" or key not in BENCH_OPTIONS}
+            taken = {key: v for key, v in self.options.items() if name in NETWORKED or key not in BENCH_OPTIONS}
             try:
                 self._made[name] = self._create(name, self.scene, device=self.device, **taken)
             except CausticsError as error:

@@ -8,6 +8,7 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.bench_search import BenchSearch
+from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.opinions import Opinion, opinion
@@ -54,6 +55,9 @@ class DirectOptions(RefinementOptions):
     """Whether the standard uncertainty knows how well the bench is known."""
     causes: bool = True
     """Whether what is left of the image is asked what it looks like: light, camera, dirt or a bench other than told."""
+    losses: bool | None = None
+    """Whether losses of light that the scene leaves out, by reflection and by meeting the relief again, are taken into
+    the model where the image shows them; None: on a GPU, where steps take as long with them."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
@@ -83,6 +87,7 @@ class Direct(Reconstructor):
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
+        self.finds_losses = self.device.type == "cuda" if self.options.losses is None else self.options.losses
         first = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
         networks = [first]
         if self.options.second_opinion and self.options.weights is None:
@@ -138,10 +143,15 @@ class Direct(Reconstructor):
         if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
             found = search(image, found, answer, progress)
         if self.options.causes and found.stop_reason != "interrupted":
-            found = with_causes(found, seen, self.simulator, self.numbers, answer)
+            found = with_causes(found, seen, self._simulator_of(found), self.numbers, answer)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
+
+    def _simulator_of(self, found: Reconstruction) -> CausticSimulator:
+        """With the losses of light that were found."""
+        scene = self.scene.model_copy(update=found.counters.get("losses", {}))
+        return self.simulator if scene == self.scene else CausticSimulator(scene, "lattice", device=self.device)
 
     def found(
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
@@ -173,6 +183,26 @@ class Direct(Reconstructor):
             return resimulation.exposed(found)(found)
 
         return opinion(self.asked, resimulation.image, caustic, log)
+
+    def _with_losses(self, resimulation: Resimulation, image: CausticImage, heights: FloatArray) -> Resimulation:
+        """With the losses of light that the image shows."""
+        if not self.finds_losses:
+            return resimulation
+        seen = {self.scene: resimulation}
+
+        def left(scene: Scene) -> float:
+            if scene not in seen:
+                simulator = CausticSimulator(scene, "lattice", device=self.device)
+                plain = Resimulation(simulator, image, resimulation.exposure).exposed(heights)
+                seen[scene] = plain.through(resimulation.camera)
+            return seen[scene](heights).residual
+
+        return seen[with_losses(self.scene, left, both=True)]
+
+    def _refinement_in(self, scene: Scene) -> Refinement:
+        if scene == self.scene:
+            return self.refinement
+        return Refinement(scene, self.options, self.device, self.network.seen.scale)
 
     def _found(
         self, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None
@@ -206,9 +236,11 @@ class Direct(Reconstructor):
             counters["camera"] = resimulation.camera.record
             known_px = network.trained_shift_px, TRAINED_BLUR_PX * network.pixels_of_one
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
+            resimulation = self._with_losses(resimulation, image, heights)
+            counters["losses"] = effects_of(resimulation.simulator.scene)
         history = log.history
         if self.options.refine and not interrupted:
-            refined = self.refinement(
+            refined = self._refinement_in(resimulation.simulator.scene)(
                 resimulation,
                 heights,
                 timings["network"],

@@ -169,11 +169,17 @@ def fit_lines(
     lines = lines.clone()
     chosen = list(range(len(lines))) if only is None else only
     others = [k for k in range(len(lines)) if k not in set(chosen)]
-    goal = relief_m - model.heights(lines[others])
+    printed = model.heights(lines[others])
     if not chosen:
-        return lines, loss_of(goal, sigma_m)
+        return lines, loss_of(relief_m - printed, sigma_m)
+
+    def over_others(rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        relief, derivatives = model.with_jacobian(rows)
+        seen = derivatives if model.overlap == "sum" else derivatives * (relief >= printed)
+        return model.over(printed, relief), seen
+
     lines[chosen], loss = minimised(
-        model.with_jacobian, model.moved, lines[chosen], goal, sigma_m, GEMAN_MCCLURE, iterations=iterations
+        over_others, model.moved, lines[chosen], relief_m, sigma_m, GEMAN_MCCLURE, iterations=iterations
     )
     return lines, loss
 

@@ -11,10 +11,8 @@ channel and slopes and curvatures of the light over the picture.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -41,7 +39,7 @@ ITERATIONS = 30
 """Of L-BFGS about each."""
 LEAST_GAIN = 5e-3
 """Share by which the misfit must fall to go on."""
-CORRELATED_PX = 25.0
+CORRELATED_PX = 100.0
 """Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
 
 
@@ -86,44 +84,6 @@ def field_modes(channels: int, pixels: int) -> FloatArray:
     shared = np.stack([along_x, along_y, along_x**2 - 1 / 3, along_x * along_y, along_y**2 - 1 / 3])
     modes: FloatArray = np.concatenate([own, np.repeat(shared[:, None], channels, axis=1)])
     return modes
-
-
-EFFECTS: tuple[Mapping[str, Any], ...] = (
-    {},
-    {"fresnel": True},
-    {"second_hits": "lost"},
-    {"fresnel": True, "second_hits": "lost"},
-)
-"""What every real plate does to its light and simulations may leave out: it reflects, most where it is steep, and
-scatters what meets the relief again."""
-EFFECT_FACTOR = 0.98
-"""Effects other than those told must lower the misfit by this factor."""
-
-
-def with_effects(
-    scene: Scene, image: CausticImage, model: LineModel, lines: torch.Tensor, blur_px: FloatArray
-) -> Scene:
-    """The scene with the losses of light that lines explain the image best with.
-
-    Args:
-        scene: as it is told.
-        image: as it was measured, at an exposure of 1 and with its channels together.
-        model: renders lines.
-        lines: shape [L, 6] [m].
-        blur_px: standard deviation of the camera's blur [px], shape [n_w].
-    """
-    heights = model.heights(lines)
-    best, least, seen = scene, math.inf, set()
-    for effects in EFFECTS:
-        tried = scene.model_copy(update=dict(effects))
-        if (tried.fresnel, tried.second_hits) in seen:
-            continue
-        seen.add((tried.fresnel, tried.second_hits))
-        fit = ImageFit(tried, image, model, scene.image_pixels, blur_px=blur_px)
-        loss = fit.loss(heights, at_exposure=True)
-        if loss < (EFFECT_FACTOR if best is scene and least < math.inf else 1.0) * least:
-            best, least = tried, loss
-    return best
 
 
 def seen_on(

@@ -9,6 +9,7 @@ image is explained no better, the answer is that of ``direct``.
 import dataclasses
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -16,18 +17,13 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.bench_of_lines import (
-    Bench,
-    BenchOfLines,
-    as_measured,
-    numbers_of_lines,
-    seen_on,
-    with_effects,
-)
+from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, as_measured, numbers_of_lines, seen_on
 from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
+from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
@@ -35,7 +31,7 @@ from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel
-from warp_caustics.prints.vectorise import lines_of_relief
+from warp_caustics.prints.vectorise import lines_of_relief, unexplained
 from warp_caustics.reconstruct.base import (
     CausticImage,
     ProgressCallback,
@@ -56,6 +52,8 @@ HOPELESS_SHARE = 0.25
 """Where lines leave less than this share of what the network's relief leaves, that is not refined: it would not win."""
 
 
+SET_UP = {"cpu": "known", "cuda": "estimate"}
+"""By device; on two cores of a CPU looking for a bench takes minutes."""
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
@@ -65,8 +63,12 @@ BENCH_GAIN = 0.9
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
 
-    profile: Section | Literal["found"] = "cosine"
-    """Of a line across; ``found`` finds g of cos(pi r / w)^(2 g), one for all lines, with the lines."""
+    profile: Section | Literal["found"] = "found"
+    """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
+    explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
+    set_up: Literal["known", "estimate"] | None = None  # type: ignore[assignment]
+    """Whether the bench is as it is told, or its numbers are looked for beside the lines where these do not explain the
+    image; None: looked for on a GPU, where that takes seconds."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
@@ -89,13 +91,17 @@ class Fibres(Reconstructor):
 
     def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
         self.options = options or FibresOptions()
-        plain = DirectOptions(**{key: getattr(self.options, key) for key in DirectOptions.model_fields})
+        of_direct = {key: getattr(self.options, key) for key in DirectOptions.model_fields if key != "set_up"}
+        plain = DirectOptions(**of_direct)
         self.network = Direct(
-            scene, plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False}), device
+            scene,
+            plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False}),
+            device,
         )
         self.device = self.network.device
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
+        self.finds_bench = (self.options.set_up or SET_UP[self.device.type]) == "estimate"
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -164,7 +170,7 @@ class _Run:
         try:
             self._fit()
             timings["fibres"] = self.log.elapsed_s - sum(timings.values())
-            if method.options.set_up == "estimate" and len(self.lines) and not self.told.is_explained(self.lines):
+            if method.finds_bench and len(self.lines) and not self.told.is_explained(self.lines):
                 self._fit_with_bench()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
@@ -209,8 +215,7 @@ class _Run:
                 "values": dict(self.bench.values),
                 "sigma": dict(self.bench.sigma),
                 "field": self.bench.field.tolist(),
-                "fresnel": view.scene.fresnel,
-                "second_hits": view.scene.second_hits,
+                **effects_of(view.scene),
             }
         result = network_result(
             method.name,
@@ -249,7 +254,16 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        start = lines_of_relief(self.model, heights, spread, most=self.method.options.most_lines)
+        most, model = self.method.options.most_lines, self.model
+        start = lines_of_relief(model, heights, spread, most=most)
+        if self.method.finds_section and len(start) > 1:
+            added = unexplained(model, start, heights, spread)
+            model.overlap = "max"
+            merged = lines_of_relief(model, heights, spread, most=most)
+            if unexplained(model, merged, heights, spread) < added:
+                start = merged
+            else:
+                model.overlap = "sum"
         self._search(self.told, start, self.method.options.jumps)
 
     def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
@@ -287,9 +301,9 @@ class _Run:
             kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
             blur_px = self.view.blur_px
             image = seen_on(self.told.image, self.numbers, self.bench)
-            scene = with_effects(self.view.scene, image, self.model, self.lines, blur_px)
-            effects = {"fresnel": scene.fresnel, "second_hits": scene.second_hits}
-            self.numbers = dataclasses.replace(self.numbers, scene=self.numbers.scene.model_copy(update=effects))
+            scene = with_losses(self.view.scene, partial(self._misfit, image, blur_px))
+            told = self.numbers.scene.model_copy(update=effects_of(scene))
+            self.numbers = dataclasses.replace(self.numbers, scene=told)
             together = BenchOfLines(
                 self.numbers,
                 self.told.image,
@@ -312,6 +326,11 @@ class _Run:
                 return
             if is_explained(now):
                 return
+
+    def _misfit(self, image: CausticImage, blur_px: FloatArray, scene: Scene) -> float:
+        """Of the lines so far in a scene, at its exposure."""
+        fit = ImageFit(scene, image, self.model, scene.image_pixels, blur_px=blur_px)
+        return fit.loss(self.model.heights(self.lines), at_exposure=True)
 
     def _on(self, bench: Bench, lines: torch.Tensor) -> LinesView:
         """The image on another bench, with the camera that lines tell there."""

@@ -48,15 +48,16 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor
     model = fit.model
     if not len(lines):
         return lines, False
-    given = model.shape
+    given = best_shape = model.shape
     best_overlap: Overlap = model.overlap
     try:
-        best_lines, best_shape = fit.descend(lines, TRIAL_ITERATIONS), given
+        best_lines = fit.descend(lines, TRIAL_ITERATIONS)
         if len(lines) > 1:
-            model.overlap = "max"
+            other: Overlap = "max" if best_overlap == "sum" else "sum"
+            model.overlap = other
             found = fit.descend(lines, TRIAL_ITERATIONS)
             if found.loss < OTHER_FACTOR * best_lines.loss:
-                best_lines, best_overlap = found, "max"
+                best_lines, best_overlap = found, other
             model.overlap = best_overlap
         least = OTHER_FACTOR * best_lines.loss
         for shape in TRIED_SHAPES:

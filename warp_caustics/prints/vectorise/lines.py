@@ -2,9 +2,9 @@
 
 import torch
 
-from warp_caustics.prints.fit import fit_lines
+from warp_caustics.prints.fit import fit_lines, loss_of
 from warp_caustics.prints.model import LineModel
-from warp_caustics.prints.vectorise.moves import LineSet
+from warp_caustics.prints.vectorise.moves import LINE_PENALTY, LineSet
 
 FLOORS_M = (4e-5, 1e-5, 4e-6)
 """Expected size of residuals on bare plate in one stage after the other [m]: large ones first, so that early lines are
@@ -43,3 +43,17 @@ def lines_of_relief(
             if len(found.lines) == count:
                 break
     return fit_lines(model, found.lines, relief, found.sigma, iterations=15)[0]
+
+
+def unexplained(model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: torch.Tensor) -> float:
+    """What lines leave of a relief, with a penalty for each: the less, the better they tell it.
+
+    Args:
+        model: renders lines.
+        lines: shape [L, 6] [m].
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+    """
+    relief, spread = (values.to(model.device, torch.float32) for values in (relief_m, spread_m))
+    sigma = (spread.square() + FLOORS_M[-1] ** 2).sqrt()
+    return loss_of(relief - model.heights(lines), sigma) + LINE_PENALTY * len(lines)
