@@ -8,11 +8,11 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.bench_search import BenchSearch
-from nets.reconstruct.losses_of_light import effects_of, with_losses
+from nets.reconstruct.losses_of_light import LOSS_FACTOR, effects_of, with_losses
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.opinions import Opinion, opinion
-from nets.reconstruct.refinement import Refinement, RefinementOptions, outcome
+from nets.reconstruct.refinement import Refined, Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
@@ -29,7 +29,13 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes")
+
+def is_looked_for(set_up: str | None, device: torch.device) -> bool:
+    """Whether a bench is looked for by default or by an option ``set_up``."""
+    return (set_up or ("estimate" if device.type == "cuda" else "known")) == "estimate"
+
+
+BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes", "losses")
 """Those that are about the bench, which other methods take as it is told."""
 
 
@@ -46,8 +52,9 @@ class DirectOptions(RefinementOptions):
     plate's maker can. Part of the standard uncertainty."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
-    set_up: Literal["known", "estimate"] = "known"
-    """Whether the bench is as it is told, or its numbers are looked for beside the heights."""
+    set_up: Literal["known", "estimate"] | None = None
+    """Whether the bench is as it is told, or its numbers are looked for beside the heights; None: looked for on a GPU,
+    where that takes seconds, and on two cores of a CPU minutes."""
     priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
     """Standard deviations of what is told of it, by name; 0 is exact. Part of the uncertainty, and where numbers are
     looked for what is believed of them before. Of others: a bench that was measured with care."""
@@ -87,6 +94,7 @@ class Direct(Reconstructor):
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
+        self.finds_bench = is_looked_for(self.options.set_up, self.device)
         self.finds_losses = self.device.type == "cuda" if self.options.losses is None else self.options.losses
         first = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
         networks = [first]
@@ -140,7 +148,7 @@ class Direct(Reconstructor):
         found, answer = self._found(seen, initial, progress)
         if self.watch is not None:
             self.watch(found)
-        if self.options.set_up == "estimate" and found.stop_reason != "interrupted":
+        if self.finds_bench and found.stop_reason != "interrupted":
             found = search(image, found, answer, progress)
         if self.options.causes and found.stop_reason != "interrupted":
             found = with_causes(found, seen, self._simulator_of(found), self.numbers, answer)
@@ -184,10 +192,32 @@ class Direct(Reconstructor):
 
         return opinion(self.asked, resimulation.image, caustic, log)
 
-    def _with_losses(self, resimulation: Resimulation, image: CausticImage, heights: FloatArray) -> Resimulation:
-        """With the losses of light that the image shows."""
-        if not self.finds_losses:
-            return resimulation
+    def _refined(
+        self,
+        resimulation: Resimulation,
+        image: CausticImage,
+        heights: FloatArray,
+        spread: FloatArray | None,
+        log: RunLog,
+    ) -> tuple[Resimulation, Refined | None]:
+        """Heights refined, and what judges them: with losses of light that are not told, where the image shows them."""
+
+        def refined(seen: Resimulation, name: str) -> Refined | None:
+            started, progress = log.elapsed_s, following(log.progress, len(log.history), log.started, name)
+            return self._refinement_in(seen.simulator.scene)(seen, heights, started, progress, spread)
+
+        found = refined(resimulation, "refinement, ")
+        is_over = found is None or found.reason in ("interrupted", "max_time")
+        lossy = None if is_over or not self.finds_losses else self._lossy(resimulation, image, heights)
+        if found is None or lossy is None:
+            return resimulation, found
+        other = refined(lossy, "refinement with losses, ")
+        if other is None or lossy(other.heights).residual > LOSS_FACTOR * resimulation(found.heights).residual:
+            return resimulation, found
+        return lossy, other
+
+    def _lossy(self, resimulation: Resimulation, image: CausticImage, heights: FloatArray) -> Resimulation | None:
+        """With all losses of light, where less of the image is left with them already before heights are refined."""
         seen = {self.scene: resimulation}
 
         def left(scene: Scene) -> float:
@@ -197,7 +227,8 @@ class Direct(Reconstructor):
                 seen[scene] = plain.through(resimulation.camera)
             return seen[scene](heights).residual
 
-        return seen[with_losses(self.scene, left, both=True)]
+        scene = with_losses(self.scene, left, both=True)
+        return None if scene == self.scene else seen[scene]
 
     def _refinement_in(self, scene: Scene) -> Refinement:
         if scene == self.scene:
@@ -236,17 +267,11 @@ class Direct(Reconstructor):
             counters["camera"] = resimulation.camera.record
             known_px = network.trained_shift_px, TRAINED_BLUR_PX * network.pixels_of_one
             warnings += resimulation.camera.warnings(self.scene.wavelengths_m, *known_px)
-            resimulation = self._with_losses(resimulation, image, heights)
-            counters["losses"] = effects_of(resimulation.simulator.scene)
         history = log.history
         if self.options.refine and not interrupted:
-            refined = self._refinement_in(resimulation.simulator.scene)(
-                resimulation,
-                heights,
-                timings["network"],
-                following(progress, len(history), log.started, "refinement, "),
-                None if spread is None else found.looked.double().std(dim=0).cpu().numpy(),
-            )
+            own_spread = None if spread is None else found.looked.double().std(dim=0).cpu().numpy()
+            resimulation, refined = self._refined(resimulation, image, heights, own_spread, log)
+            counters["losses"] = effects_of(resimulation.simulator.scene)
             reason = "max_time"
             if refined is not None:
                 heights, reason = refined.heights, refined.reason

@@ -22,6 +22,7 @@ from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
@@ -112,6 +113,17 @@ def as_measured(shown: FloatArray, numbers: BenchNumbers, bench: Bench, exposure
     light = (shown / flat_ratio(numbers, bench) + stray * level[:, None, None]) / (1 + stray)
     measured: FloatArray = light * bench.light(scene.image_pixels)
     return measured
+
+
+def bench_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:
+    """What was found, number by number; all of it is used."""
+    found = []
+    for p in numbers.parameters:
+        value = bench.values[p.name]
+        number = FoundNumber.of(p, numbers.before[p.name], value, bench.sigma.get(p.name), is_used=True)
+        found.append(dataclasses.replace(number, found=value))
+    untold = [FoundNumber.not_told(p, numbers.before[p.name]) for p in numbers.not_told]
+    return FoundBench((*found, *untold), True, "lines explain the image better on it", ROUNDS)
 
 
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:

@@ -9,19 +9,27 @@ image is explained no better, the answer is that of ``direct``.
 import dataclasses
 import time
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from pydantic import Field
 
-from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, as_measured, numbers_of_lines, seen_on
+from nets.reconstruct.direct import Direct, DirectOptions, is_looked_for
+from nets.reconstruct.fibres.bench_of_lines import (
+    Bench,
+    BenchOfLines,
+    as_measured,
+    bench_record,
+    numbers_of_lines,
+    seen_on,
+)
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.section import OTHER_FACTOR
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
@@ -30,7 +38,7 @@ from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from warp_caustics.prints.line import Section
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import LineModel, Overlap, Shape
 from warp_caustics.prints.vectorise import lines_of_relief, unexplained
 from warp_caustics.reconstruct.base import (
     CausticImage,
@@ -48,12 +56,14 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-HOPELESS_SHARE = 0.25
-"""Where lines leave less than this share of what the network's relief leaves, that is not refined: it would not win."""
+TAKEN_SHARE = 0.6
+"""Lines are taken where they leave less than this share of what the network's relief leaves before it is refined, or
+nothing but noise. Afterwards free heights leave as little as lines that are four times nearer (70 and 17 um); and lines
+that leave more than this share are not those of the plate, and bend with the bench to what they cannot explain."""
+STARTING_SHAPES = (Shape(), Shape(1.0, 1.0), Shape(0.5, 1.0))
+"""Sections that lines of the network's relief may have: cosine, parabola, ellipse."""
 
 
-SET_UP = {"cpu": "known", "cuda": "estimate"}
-"""By device; on two cores of a CPU looking for a bench takes minutes."""
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
@@ -66,9 +76,6 @@ class FibresOptions(DirectOptions):
     profile: Section | Literal["found"] = "found"
     """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
     explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
-    set_up: Literal["known", "estimate"] | None = None  # type: ignore[assignment]
-    """Whether the bench is as it is told, or its numbers are looked for beside the lines where these do not explain the
-    image; None: looked for on a GPU, where that takes seconds."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
@@ -91,8 +98,8 @@ class Fibres(Reconstructor):
 
     def __init__(self, scene: Scene, options: FibresOptions | None = None, device: str | torch.device = "cpu"):
         self.options = options or FibresOptions()
-        of_direct = {key: getattr(self.options, key) for key in DirectOptions.model_fields if key != "set_up"}
-        plain = DirectOptions(**of_direct)
+        of_direct = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
+        plain = DirectOptions(**(of_direct | {"set_up": "known"}))
         self.network = Direct(
             scene,
             plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False}),
@@ -101,7 +108,7 @@ class Fibres(Reconstructor):
         self.device = self.network.device
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
-        self.finds_bench = (self.options.set_up or SET_UP[self.device.type]) == "estimate"
+        self.finds_bench = is_looked_for(self.options.set_up, self.device)
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -122,12 +129,40 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
+        run.fit()
+        if not run.takes_lines and self.finds_bench and self.options.max_time_s is None and run.reason == "converged":
+            return self._by_network(run, image, progress)
         found = run.result()
         if self.options.causes and found.stop_reason != "interrupted":
             found = with_causes(found, image, self.network.simulator, self.network.numbers)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.network.numbers)
         return self.network.asked[0].grid.result(found)
+
+    @cached_property
+    def _direct(self) -> Direct:
+        """What finds plates that are no lines, with the bench and losses of light of its own."""
+        options = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
+        return Direct(self.network.network.seen.user, DirectOptions(**options), self.device)
+
+    def _by_network(self, run: "_Run", image: CausticImage, progress: ProgressCallback | None) -> Reconstruction:
+        """The record of ``direct``, where lines do not tell the image."""
+        log = run.log
+        after = following(progress, len(log.history), log.started, "without lines, ")
+        found = self._direct.reconstruct(image, progress=after)
+        before = [entry for entry in log.history if isinstance(entry, dict)]
+        history = before + [
+            entry | {"iteration": len(before) + k + 1, "elapsed_s": entry["elapsed_s"] + run.seconds}
+            for k, entry in enumerate(found.history)
+        ]
+        return dataclasses.replace(
+            found,
+            method=self.name,
+            history=history,
+            timings_s=run.timings | {f"{name} without lines": value for name, value in found.timings_s.items()},
+            counters=found.counters | run.counters,
+            settings=found.settings | self.options.model_dump(),
+        )
 
 
 class _Run:
@@ -162,45 +197,45 @@ class _Run:
         """Steps of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.moves_section = False
+        self.takes_lines = self.is_noise_left = False
+        self.seconds, self.timings, self.counters = 0.0, dict[str, float](), dict[str, Any]()
 
-    def result(self) -> Reconstruction:
-        """Lines if they explain the image better than the network's relief, else that relief, refined."""
+    def fit(self) -> None:
+        """Lines, and the bench that they tell where they do not explain the image on the one that was told."""
         method, answer = self.method, self.answer
-        timings = {"network": self.log.elapsed_s}
+        self.timings["network"] = self.log.elapsed_s
         try:
             self._fit()
-            timings["fibres"] = self.log.elapsed_s - sum(timings.values())
+            self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if method.finds_bench and len(self.lines) and not self.told.is_explained(self.lines):
                 self._fit_with_bench()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
-        timings["bench of lines" if "fibres" in timings else "fibres"] = self.log.elapsed_s - sum(timings.values())
-        heights, fibres, view = answer.heights_m, None, self.view
-        counters: dict[str, Any] = {"fibres": len(self.lines), "explained_by": "network"}
+        last = "bench of lines" if "fibres" in self.timings else "fibres"
+        self.seconds = self.log.elapsed_s
+        self.timings[last] = self.seconds - sum(self.timings.values())
+        self.counters = {"fibres": len(self.lines), "explained_by": "network"}
         if method.finds_section:
-            counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
-        is_noise_left = False
-        if len(self.lines):
-            found = self.view.relief(self.lines)
-            residual = self.view.resimulation(found).residual
-            of_network = self.view.resimulation(answer.heights_m).residual
-            counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
-            if residual < of_network:
-                heights, fibres = found, self.lines.numpy()
-                is_noise_left = is_explained(view.discrepancy(found))
-                counters["explained_by"] = "fibres"
+            self.counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
+        if not len(self.lines):
+            return
+        found = self.view.relief(self.lines)
+        residual = self.view.resimulation(found).residual
+        of_network = self.view.resimulation(answer.heights_m).residual
+        self.counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
+        self.is_noise_left = residual < of_network and is_explained(self.view.discrepancy(found))
+        self.takes_lines = self.is_noise_left or residual < TAKEN_SHARE * of_network
+
+    def result(self) -> Reconstruction:
+        """Lines if they explain the image better than the network's relief, else that relief, refined."""
+        method, answer, timings, is_noise_left = self.method, self.answer, self.timings, self.is_noise_left
+        heights, fibres, view, counters = answer.heights_m, None, self.told, self.counters
+        if self.takes_lines:
+            view, fibres = self.view, self.lines.numpy()
+            heights, counters["explained_by"] = view.relief(self.lines), "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
-            candidates = {}
-            if fibres is not None:
-                candidates["fibres"] = self._refined(self.view, heights)
-            if fibres is None or counters["residual_of_fibres"] > HOPELESS_SHARE * counters["residual_of_network"]:
-                candidates["network"] = self._refined(self.view, answer.heights_m)
-            winner = min(candidates, key=lambda name: candidates[name].residual)
-            heights, counters["refinement"] = candidates[winner].heights, candidates[winner].outcome
-            if fibres is not None:
-                counters |= {f"residual_of_refined_{name}": found.residual for name, found in candidates.items()}
-            if winner == "network":
-                fibres, counters["explained_by"] = None, "network"
+            refined = self._refined(view, heights)
+            heights, counters["refinement"] = refined.heights, refined.outcome
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["camera"] = view.resimulation.camera.record
         counters["discrepancy"] = left = view.discrepancy(heights)
@@ -211,12 +246,12 @@ class _Run:
                 "which the difference of the images shows"
             )
         if view is not self.told:
-            counters["lines_bench"] = {
-                "values": dict(self.bench.values),
-                "sigma": dict(self.bench.sigma),
-                "field": self.bench.field.tolist(),
-                **effects_of(view.scene),
+            record = bench_record(self.numbers, self.bench)
+            counters |= {
+                "bench": record.record | {"light": self.bench.field.tolist()},
+                "losses": effects_of(view.scene),
             }
+            warnings += record.warnings()
         result = network_result(
             method.name,
             view.resimulation,
@@ -254,17 +289,26 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
+        self._search(self.told, self._start(heights, spread), self.method.options.jumps)
+
+    def _start(self, heights: torch.Tensor, spread: torch.Tensor) -> torch.Tensor:
+        """Lines of the network's relief, shape [L, 6] [m]; the model has the section and overlap that tell it best."""
         most, model = self.method.options.most_lines, self.model
         start = lines_of_relief(model, heights, spread, most=most)
-        if self.method.finds_section and len(start) > 1:
-            added = unexplained(model, start, heights, spread)
-            model.overlap = "max"
-            merged = lines_of_relief(model, heights, spread, most=most)
-            if unexplained(model, merged, heights, spread) < added:
-                start = merged
+        if not self.method.finds_section or len(start) < 2:
+            return start
+        least, shape = unexplained(model, start, heights, spread), model.shape
+        others: list[tuple[Overlap, Shape | None]] = [("sum", each) for each in STARTING_SHAPES[1:]]
+        for overlap, tried in (*others, ("max", None)):
+            given = model.shape, model.overlap
+            model.shape, model.overlap = tried or shape, overlap
+            lines = lines_of_relief(model, heights, spread, most=most)
+            left = unexplained(model, lines, heights, spread)
+            if left < OTHER_FACTOR * least:
+                start, least, shape = lines, left, model.shape
             else:
-                model.overlap = "sum"
-        self._search(self.told, start, self.method.options.jumps)
+                model.shape, model.overlap = given
+        return start
 
     def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
         method, device = self.method, self.method.device

@@ -14,6 +14,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
+from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
 
 N = 32
@@ -171,14 +172,41 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering, e
     assert heights == sorted(heights)
 
 
-def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answering):
+@pytest.mark.parametrize("set_up", ["known", "estimate"])
+def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answering, set_up):
     """A smooth bump, exactly found by the network: lines cannot do better."""
     centre = (np.arange(N) + 0.5) / N - 0.5
     bump = 1e-4 * np.exp(-(centre[:, None] ** 2 + centre[None] ** 2) / 0.08)
     seen = CausticSimulator(SCENE)(torch.tensor(bump, dtype=torch.float32)).numpy()
-    result = answering(bump, refine=False, most_lines=4).reconstruct(CausticImage(seen))
+    result = answering(bump, refine=False, jumps=0, most_lines=4, set_up=set_up).reconstruct(CausticImage(seen))
+    assert result.method == "fibres"
     assert result.counters["explained_by"] == "network" and result.fibres_m is None
+    elapsed = [entry["elapsed_s"] for entry in result.history]
+    assert elapsed == sorted(elapsed)
     np.testing.assert_allclose(result.heights_m, bump, atol=1e-9)
+
+
+def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answering):
+    """Plate printed as told, picture moved by 1.5 pixels, stray light; the network's answer is a little off."""
+    truth = model.heights(LINES).double().numpy()
+    wrong = truth + 3e-6 * np.random.default_rng(1).standard_normal(truth.shape)
+    pixel = SCENE.plate_size_m[0] / SCENE.image_pixels
+    moved = with_optical_values(SCENE, {"screen_x_m": 1.5 * pixel})
+    shown = CausticSimulator(moved)(torch.tensor(truth, dtype=torch.float32)).numpy()
+    noise = 0.01 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage(((shown + 0.03) / 1.03 + noise).astype(np.float32), np.full(3, 0.01))
+    known = answering(wrong, refine=False, jumps=0, set_up="known").reconstruct(image)
+    found = answering(wrong, refine=False, jumps=0, set_up="estimate").reconstruct(image)
+    errors = [1e6 * float(np.sqrt(np.mean((each.heights_m - truth) ** 2))) for each in (known, found)]
+    assert errors[1] < 0.5 * errors[0] and errors[1] < 3
+    bench = {number["name"]: number for number in found.counters["bench"]["numbers"]}
+    assert bench["screen_x_m"]["found"] == pytest.approx(1.5 * pixel, abs=0.1 * pixel)
+    assert bench["screen_x_m"]["verdict"] == "found" and bench["gap_m"]["verdict"] != "found"
+    assert bench["ambient"]["found"] == pytest.approx(0.03, abs=0.01)
+    assert any("screen_x_m" in warning for warning in found.warnings)
+    assert found.counters["discrepancy"] < 1.5 < known.counters["discrepancy"]
+    # The caustic of the result is one of the image as it was taken.
+    assert np.sqrt(np.mean((found.image - image.irradiance) ** 2)) < 0.03
 
 
 @pytest.mark.parametrize("lumps", [0.0, 3e-4])
