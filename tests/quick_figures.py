@@ -13,7 +13,7 @@ DPI = 20
 _savefig = Figure.savefig
 
 
-def _quickly(figure, target, **options):
+def quickly(figure, target, **options):
     figure.set_layout_engine("none")
     figure.set_dpi(DPI)
     if options.get("format") == "png" or str(target).endswith(".png"):
@@ -25,7 +25,7 @@ def _quickly(figure, target, **options):
 @pytest.fixture(autouse=True)
 def quick_figures(request, monkeypatch):
     if "full_figures" not in request.fixturenames:
-        monkeypatch.setattr(Figure, "savefig", _quickly)
+        monkeypatch.setattr(Figure, "savefig", quickly)
 
 
 @pytest.fixture

@@ -52,8 +52,8 @@ def fit(
     Args:
         config: the run.
         folder: for everything that is written; exists. None writes nothing.
-        fabric: a launched ``lightning.fabric.Fabric`` in 32-bit precision (mixed precision is this function's work:
-            Fabric would round images and heights on their way into the network).
+        fabric: what :func:`nets.training.devices.launched` gives, in 32-bit precision (mixed precision is this
+            function's work: Fabric would round images and heights on their way into the network).
         observer: watches.
         limits: of this command.
         resume: continue from the newest checkpoint in the folder; from the beginning where there is none yet.

@@ -7,7 +7,7 @@ speckle. What a model lacks mostly looks like one of the last two, and then coun
 """
 
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.errors import InputError

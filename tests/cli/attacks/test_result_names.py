@@ -87,6 +87,9 @@ def fake_method():
         spec.loader.exec_module(fake)
         module = fake.methods_module()
         sys.modules[module.__name__] = nets.reconstruct.methods = module
+        from matplotlib.figure import Figure
+        from tests.quick_figures import quickly
+        Figure.savefig = quickly
         from cli.main import main
         sys.exit(main(sys.argv[1:]))
     """)

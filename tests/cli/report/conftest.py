@@ -21,12 +21,14 @@ BROWSER = next(
     (found for name in ("chromium", "google-chrome", "chromium-browser") if (found := shutil.which(name))), None
 )
 
-# Software WebGL; names resolve to nothing, so that any request for something outside the file fails.
+# Names resolve to nothing, so that any request for something outside the file fails.
 OPTIONS = [
     "--headless", "--no-sandbox", "--no-first-run", "--hide-scrollbars", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-quic", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=6000",
+    "--disable-component-update", "--disable-sync", "--disable-quic",
+    "--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=6000",
 ]  # fmt: skip
+WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""In software, which takes a second or two of each start."""
 
 
 @pytest.fixture
@@ -107,11 +109,11 @@ def browse(tmp_path):
     if BROWSER is None:
         pytest.skip("no chromium or google-chrome on PATH to open the page with")
 
-    def browse(text, script="", size=(1400, 1200), scale=1.0):
+    def browse(text, script="", size=(1400, 1200), scale=1.0, has_webgl=True):
         page, picture = tmp_path / "page.html", tmp_path / "page.png"
         page.write_text(text.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
         command = [
-            BROWSER, *OPTIONS, f"--window-size={size[0]},{size[1]}", f"--force-device-scale-factor={scale}",
+            BROWSER, *OPTIONS, *(WEBGL if has_webgl else ["--disable-gpu"]), f"--window-size={size[0]},{size[1]}", f"--force-device-scale-factor={scale}",
             f"--screenshot={picture}", "--dump-dom", page.as_uri(),
         ]  # fmt: skip
         output, errors = printed(command, tmp_path)

@@ -94,7 +94,7 @@ def without_webgl(text):
 
 def test_sections_follow_the_pointer(content, browse):
     """First through the highest point; then under the pointer; fixed by a click; moved by a slider."""
-    root, _ = browse(without_webgl(report_text(content)), POINT)
+    root, _ = browse(without_webgl(report_text(content)), POINT, has_webgl=False)
     assert root.get("errors") is None
     assert (root["first"], root["pointed"], root["fixed"], root["slid"]) == ("20,5", "25,11", "25,11", "25,30")
     along_x, along_y = json.loads(root["along"])
@@ -136,7 +136,7 @@ def test_bare_result_without_webgl(bare, browse):
       var lit = document.querySelector(".static.lit");
       document.documentElement.dataset.lit = getComputedStyle(lit).display;
     }, 500);"""
-    root, _ = browse(without_webgl(report_text(bare)), told)
+    root, _ = browse(without_webgl(report_text(bare)), told, has_webgl=False)
     assert root.get("errors") is None and root["ready"] == "true"
     assert root["lit"] == "block"
 
@@ -144,7 +144,7 @@ def test_bare_result_without_webgl(bare, browse):
 def test_without_javascript(content, browse):
     """Still pictures with axes, and a word on what is missing."""
     text = report_text(content).replace("script-src 'unsafe-inline' 'unsafe-eval'", "script-src 'none'")
-    root, picture = browse(text, size=(800, 1800))
+    root, picture = browse(text, size=(800, 1800), has_webgl=False)
     assert root == {}
     shown = np.asarray(Image.open(picture).convert("RGB")).astype(int)
     # The map of deviations: blue of the scale's end, or grey where nothing is judged.

@@ -5,9 +5,17 @@ import torch
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import make_sampler
-from data_gen.store import CausticDataModule, build
+from data_gen.store import build
 from warp_caustics.errors import MismatchError
 from warp_caustics.scene import Scene
+
+
+@pytest.fixture
+def data_module():
+    """Its class; loading Lightning takes longer than to collect all other tests."""
+    from data_gen.store import CausticDataModule
+
+    return CausticDataModule
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +29,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-def test_every_sample_comes_once_and_in_its_part(folder, workers):
-    module = CausticDataModule(folder, ["heights"], batch_size=4, workers=workers)
+def test_every_sample_comes_once_and_in_its_part(data_module, folder, workers):
+    module = data_module(folder, ["heights"], batch_size=4, workers=workers)
     module.setup()
     batches = [list(loader) for loader in (module.train_dataloader(), module.val_dataloader())]
     parts = [torch.cat([batch["id"] for batch in part]).tolist() for part in batches]
@@ -31,7 +39,7 @@ def test_every_sample_comes_once_and_in_its_part(folder, workers):
     assert batches[1][0]["heights"].shape == (4, 8, 8)
 
 
-def test_unfinished_sets_are_refused(folder, tmp_path):
+def test_unfinished_sets_are_refused(data_module, folder, tmp_path):
     (tmp_path / "config.json").write_bytes((folder / "config.json").read_bytes())
     with pytest.raises(MismatchError, match="0/2"):
-        CausticDataModule(tmp_path).setup()
+        data_module(tmp_path).setup()

@@ -110,8 +110,9 @@ def test_what_is_told_turns_with_the_picture(weights, scene, heights):
     image = simulated(bench, heights)
     mirror = all_symmetries(scene)[:, 1:2]
     other = transformed(image[None], mirror)[0]
+    options = {"weights": weights, "refine": False, "causes": False}
     answers = [
-        create("direct", where, weights=weights, refine=False).reconstruct(CausticImage(seen.numpy())).heights_m
+        create("direct", where, **options).reconstruct(CausticImage(seen.numpy())).heights_m
         for where, seen in ((bench, image), (turned, other), (bench, other))
     ]
     size = np.abs(answers[0]).max()
@@ -137,7 +138,7 @@ def test_the_shipped_network_told_its_scene_answers_as_it_did(tmp_path):
     training = {"family": family_of(scene, RANGES), "steps": 5000}
     save_weights(path, network, scene=scene, data_fingerprint=None, training=training)
     image = CausticImage(1 + 0.3 * np.random.default_rng(0).random((3, 512, 512)))
-    options = {"refine": False, "symmetries": False}
+    options = {"refine": False, "symmetries": False, "causes": False}
     told = create("direct", scene, weights=str(path), **options).reconstruct(image)
     before = create("direct", scene, second_opinion=False, **options).reconstruct(image)
     assert np.abs(told.heights_m - before.heights_m).max() < 1e-6 * np.abs(before.heights_m).max()
