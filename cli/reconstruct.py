@@ -37,8 +37,8 @@ TRANSPORT = "transport"
 @click.option(
     "--set-up",
     type=click.Choice(SET_UPS),
-    help="known: the bench is as it is told; estimate: look for its numbers beside the heights (direct, auto). "
-    "[default: known]",
+    help="known: the bench is as it is told; estimate: look for its numbers beside the heights (direct, fibres, auto). "
+    "[default: estimate on a GPU, known on a CPU]",
 )
 @click.option(
     "--prior",
@@ -46,7 +46,7 @@ TRANSPORT = "transport"
     multiple=True,
     metavar="NAME=WIDTH",
     help="Standard deviation of a number that is told, in SI units; 0 is exact. Of the uncertainty, "
-    "and of --set-up estimate (direct, auto).",
+    "and of --set-up estimate (direct, fibres, auto).",
 )
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
