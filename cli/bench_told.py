@@ -6,7 +6,7 @@ from typing import Any
 from cli.config import Config, ReconstructionConfig
 from warp_caustics.errors import InputError
 
-SERVED = ("auto", "direct")
+SERVED = ("auto", "direct", "fibres")
 """Methods that look for a bench, and take stray light off."""
 
 
@@ -30,7 +30,7 @@ def told_options(config: Config, bench: str | None, set_up: str | None, priors: 
     if reconstruction.method not in SERVED:
         asked = "--set-up estimate" if set_up == "estimate" else "--prior" if widths else ""
         if asked:
-            raise InputError(f"{asked} is for --method {' or '.join(SERVED)}, not {reconstruction.method}")
+            raise InputError(f"{asked} is for --method {', '.join(SERVED)}, not {reconstruction.method}")
         return config
     if set_up is not None:
         options["set_up"] = set_up

@@ -69,9 +69,9 @@ def test_widths_are_of_the_uncertainty_too():
 
 
 def test_a_search_and_widths_need_a_method_that_knows_them():
-    with pytest.raises(InputError, match="--prior is for --method auto or direct, not refine"):
+    with pytest.raises(InputError, match="--prior is for --method auto, direct, fibres, not refine"):
         told_options(of("refine"), None, None, ("gap_m=1e-4",))
-    with pytest.raises(InputError, match="is for --method auto or direct, not sfc"):
+    with pytest.raises(InputError, match="is for --method auto, direct, fibres, not sfc"):
         told_options(of("sfc"), None, "estimate", ())
 
 

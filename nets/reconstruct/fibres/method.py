@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
+from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.direct import Direct, DirectOptions, is_looked_for
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
@@ -37,6 +38,7 @@ from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel, Overlap, Shape
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
@@ -47,7 +49,7 @@ from warp_caustics.reconstruct.base import (
     Reconstructor,
     StopReason,
 )
-from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.reconstruct.pyramid import check_image, usual_pixels
 from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
@@ -129,7 +131,8 @@ class Fibres(Reconstructor):
         ``Reconstruction.fibres_m`` holds the lines where they explain the image. Ctrl-C and ``max_time_s`` return the
         best so far.
         """
-        started = time.perf_counter()
+        started, measured = time.perf_counter(), check_image(image, self.scene)
+        image = BenchSearch(self.network, self.network.numbers).cleared(measured)
         answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
@@ -137,10 +140,10 @@ class Fibres(Reconstructor):
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
         if not run.takes_lines and self.finds_bench and is_free:
-            return self._by_network(run, image, progress)
+            return self._by_network(run, measured, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
-            other = self._by_network(run, image, progress)
+            other = self._by_network(run, measured, progress)
             if other.residual < found.residual:
                 return other
         if self.options.causes and found.stop_reason != "interrupted":
@@ -197,7 +200,9 @@ class _Run:
         )
         self.view = self.told
         """On the bench that explains the image best."""
-        self.numbers = numbers_of_lines(method.network.numbers)
+        numbers = method.network.numbers
+        self.numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
+        """Beside an image that told stray light has been taken off."""
         self.bench = Bench.told(self.numbers)
         self.iterations = method.options.max_iterations or ITERATIONS
         total = (method.options.jumps + 2) * self.iterations

@@ -209,6 +209,18 @@ def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answ
     assert np.sqrt(np.mean((found.image - image.irradiance) ** 2)) < 0.03
 
 
+def test_told_stray_light_is_taken_off(model, image, answering):
+    """As by ``direct``: lines explain the rest to its noise."""
+    truth = model.heights(LINES).double().numpy()
+    wrong = truth + 2e-6 * np.random.default_rng(1).standard_normal(truth.shape)
+    stray = CausticImage((image.irradiance + np.float32(0.1)) / np.float32(1.1), image.noise_std / 1.1)
+    told = answering(wrong, refine=False, jumps=0, set_up="known", ambient=0.1).reconstruct(stray)
+    untold = answering(wrong, refine=False, jumps=0, set_up="known").reconstruct(stray)
+    errors = [1e6 * float(np.sqrt(np.mean((each.heights_m - truth) ** 2))) for each in (told, untold)]
+    assert errors[0] < 1.0 and errors[0] < 0.5 * errors[1]
+    assert told.counters["discrepancy"] < 1.2 < untold.counters["discrepancy"]
+
+
 @pytest.mark.parametrize("lumps", [0.0, 3e-4])
 def test_without_known_noise_the_better_relief_wins(model, image, answering, lumps):
     """Lines alone explain the first plate; the second has a lump that only the network's answer shows."""
