@@ -30,7 +30,7 @@ from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
-from nets.reconstruct.fibres.section import OTHER_FACTOR
+from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
@@ -40,8 +40,7 @@ from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.line import Section
-from warp_caustics.prints.model import LineModel, Overlap, Shape
-from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
     ProgressCallback,
@@ -62,15 +61,6 @@ TAKEN_SHARE = 0.6
 """Lines are taken where they leave less than this share of what the network's relief leaves before it is refined, or
 nothing but noise: those that leave more are not the plate's, and bend with the bench to what they cannot explain. Where
 they leave more than noise, ``direct`` must leave more when both are refined."""
-WELL_TOLD = 0.025
-"""Loss of a sample below which lines tell a relief, and no other section is tried: cosines of a plate of seven leave
-0.019, of one with parabolas 0.135, sums of lines that merge 0.030."""
-MOST_STARTS_ON_CPU = 15
-"""Lines above which a CPU tries no other section on the relief: of two dozen each takes up to a minute."""
-STARTING_SHAPES = (Shape(), Shape(1.0, 1.0), Shape(0.5, 1.0))
-"""Sections that lines of the network's relief may have: cosine, parabola, ellipse."""
-
-
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
@@ -304,28 +294,9 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        self._search(self.told, self._start(heights, spread), self.method.options.jumps)
-
-    def _start(self, heights: torch.Tensor, spread: torch.Tensor) -> torch.Tensor:
-        """Lines of the network's relief, shape [L, 6] [m]; the model has the section and overlap that tell it best."""
-        most, model = self.method.options.most_lines, self.model
-        start = lines_of_relief(model, heights, spread, most=most)
-        least, shape = unexplained(model, start, heights, spread), model.shape
-        is_quick = model.device.type == "cuda" or len(start) <= MOST_STARTS_ON_CPU
-        is_told = least < (WELL_TOLD * heights.numel()) + LINE_PENALTY * len(start)
-        if not self.method.finds_section or len(start) < 2 or is_told or not is_quick:
-            return start
-        others: list[tuple[Overlap, Shape | None]] = [("sum", each) for each in STARTING_SHAPES[1:]]
-        for overlap, tried in (*others, ("max", None)):
-            given = model.shape, model.overlap
-            model.shape, model.overlap = tried or shape, overlap
-            lines = lines_of_relief(model, heights, spread, most=most)
-            left = unexplained(model, lines, heights, spread)
-            if left < OTHER_FACTOR * least:
-                start, least, shape = lines, left, model.shape
-            else:
-                model.shape, model.overlap = given
-        return start
+        options = self.method.options
+        start = starting_lines(self.model, heights, spread, options.most_lines, finds_section=self.method.finds_section)
+        self._search(self.told, start, options.jumps)
 
     def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
         method, device = self.method, self.method.device

@@ -1,0 +1,32 @@
+"""Where the search for lines begins."""
+
+import pytest
+import torch
+
+from nets.reconstruct.fibres.starting_lines import starting_lines
+from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.scene import Scene
+
+N = 48
+SCENE = Scene(height_samples=N, image_pixels=2 * N)
+LINES = 1e-3 * torch.tensor([[-15.0, -12.0, 14.0, 9.0, 4.0, 0.9], [-9.0, 15.0, 10.0, -16.0, 3.6, 1.1]]).double()
+
+
+@pytest.mark.parametrize("shape", [Shape(), Shape(1.0, 1.0)])
+def test_section_of_a_relief(shape):
+    """A cosine or a parabola; an overlap of two lines is a few samples, and told by the image."""
+    overlap = "sum"
+    true, model = LineModel(SCENE), LineModel(SCENE)
+    true.shape, true.overlap = shape, overlap
+    relief = true.heights(LINES).double()
+    found = starting_lines(model, relief, torch.full_like(relief, 1e-6), 20, finds_section=True)
+    assert (model.shape, model.overlap) == (shape, overlap)
+    assert 1e6 * float((model.heights(found).double() - relief).square().mean().sqrt()) < 5
+
+
+def test_a_told_section_stays():
+    true, model = LineModel(SCENE), LineModel(SCENE)
+    true.shape = Shape(1.0, 1.0)
+    relief = true.heights(LINES).double()
+    starting_lines(model, relief, torch.full_like(relief, 1e-6), 20, finds_section=False)
+    assert (model.shape, model.overlap) == (Shape(), "sum")
