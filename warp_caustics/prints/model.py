@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 import torch
 import warp as wp
 
@@ -60,6 +61,12 @@ def line_section(shape: Shape, t: FloatArray) -> FloatArray:
     base = (1 - shape.parabola) * np.cos(np.pi / 2 * inside) ** 2 + shape.parabola * (1 - inside**2)
     height: FloatArray = np.maximum(base, 0.0) ** shape.exponent
     return height
+
+
+def half_height(shape: Shape) -> float:
+    """t = 2 r / w at which the section is half as high as its crown [1]."""
+    found = scipy.optimize.brentq(lambda t: float(line_section(shape, np.array(t))) - 0.5, 0.0, 1.0, xtol=1e-12)
+    return float(found)
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,8 @@ def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -
     view = rest_m / (1 + (spread_m / UNSURE_M).square()).sqrt()
     view = torch.where(view > LOWEST_LINE_M, view, 0.0)
     sigma = (spread_m.square() + UNSURE_M**2).sqrt()
-    ridges = torch.from_numpy(proposed_lines(view.double().cpu().numpy(), model.scene.plate_size_m, PROPOSED_RIDGES))
+    size = model.scene.plate_size_m
+    ridges = torch.from_numpy(proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES, model.shape))
     starts = ridges.repeat(len(STARTING_WIDTHS), 1)
     factors = torch.tensor(STARTING_WIDTHS, dtype=torch.float64).repeat_interleave(len(ridges))
     starts[:, WIDTH] *= factors

@@ -4,12 +4,10 @@ A start for descents, which find it to a percent: the misfit has one valley in g
 their height, but from far away a descent of all numbers would rather bend lines than their section.
 """
 
-import numpy as np
-import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
-from warp_caustics.prints.model import WIDTH, Overlap, Shape, line_section
+from warp_caustics.prints.model import WIDTH, Overlap, Shape, half_height
 
 TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(0.35))
 """Cosine, quarter cosine, parabola, ellipse, a bell and a box."""
@@ -20,12 +18,6 @@ MORE_ITERATIONS = 15
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
-
-
-def half_height(shape: Shape) -> float:
-    """t = 2 r / w at which the section is half as high as its crown [1]."""
-    found = scipy.optimize.brentq(lambda t: float(line_section(shape, np.array(t))) - 0.5, 0.0, 1.0, xtol=1e-12)
-    return float(found)
 
 
 def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:

@@ -6,9 +6,9 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
-from nets.reconstruct.fibres.section import half_height, reshaped
+from nets.reconstruct.fibres.section import reshaped
 from warp_caustics.prints.line import section_height
-from warp_caustics.prints.model import LineModel, Shape, line_section
+from warp_caustics.prints.model import LineModel, Shape, half_height, line_section
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -100,6 +100,20 @@ def test_derivatives_of_lines_of_any_section(shape, number):
     difference = (model.parts(LINES + step)[0] - model.parts(LINES - step)[0]) / 4e-6
     scale = difference.abs().amax()
     assert float((derivative - difference).abs().mean()) < 0.01 * float(scale)
+
+
+@pytest.mark.parametrize("shape", [Shape(0.5, 1.0), Shape(0.35), Shape(0.5, 0.5)])
+@pytest.mark.parametrize("number", range(5))
+def test_derivatives_where_the_edge_of_a_line_is_steep(shape, number):
+    """Against differences of means over finely sampled cells: bounded, though the slope at the edge is not."""
+    model, fine, step = LineModel(SCENE), LineModel(SCENE, supersampling=32), torch.zeros(6, dtype=torch.float64)
+    model.shape = fine.shape = shape
+    step[number] = 5e-5
+    difference = (fine.parts(LINES + step)[0] - fine.parts(LINES - step)[0]) / 1e-4
+    derivative = model.parts(LINES)[1][:, number]
+    scale = difference.abs().amax()
+    assert float((derivative - difference).abs().amax()) < 0.35 * float(scale)
+    assert float((derivative - difference).abs().mean()) < 0.015 * float(scale)
 
 
 def test_where_lines_cross_the_highest_is_printed():

@@ -73,7 +73,8 @@ class LineSet:
         # Large residuals, and residuals that are large for their place.
         shown = (rest / (1 + (self.spread / UNSURE_M).square()).sqrt(), rest / self.sigma)
         size = self.model.scene.plate_size_m
-        ridges = [proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES) for view in shown]
+        shape = self.model.shape
+        ridges = [proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES, shape) for view in shown]
         ridges[1][:, HEIGHT] = LOW_M
         starts = self._promising(rest, torch.from_numpy(np.concatenate(ridges)))
         if not len(starts):

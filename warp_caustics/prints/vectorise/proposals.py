@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy  # loads its parts when they are first used
 
+from warp_caustics.prints.model import Shape, half_height
 from warp_caustics.types import FloatArray
 
 ANGLES = 24
@@ -11,17 +12,21 @@ FOLLOWED_STEPS = 100
 """Steps of half a sample along which a ridge is followed, each way."""
 RIDGE_END_SHARE = 0.45
 """A ridge ends where it falls below this share of its height at the start: lines on top only raise it."""
+COSINE = Shape()
 STARTS_APART = 6.0
 """Distance of the starts of different proposals [samples]."""
 
 
-def proposed_lines(residual_m: FloatArray, plate_size_m: tuple[float, float], count: int) -> FloatArray:
+def proposed_lines(
+    residual_m: FloatArray, plate_size_m: tuple[float, float], count: int, shape: Shape = COSINE
+) -> FloatArray:
     """Lines along the highest ridges, two directions each.
 
     Args:
         residual_m: unexplained heights, shape [n, n] [m].
         plate_size_m: extent along x and y [m].
         count: number of ridges.
+        shape: section of the lines, whose full width follows from that at half their height.
 
     Returns:
         Shape [at most 2 count, 6] [m], without claim to be right: a start for a fit.
@@ -29,18 +34,19 @@ def proposed_lines(residual_m: FloatArray, plate_size_m: tuple[float, float], co
     smooth = scipy.ndimage.gaussian_filter(residual_m, 0.7)
     free = smooth.copy()
     rows, columns = np.ogrid[: len(smooth), : smooth.shape[1]]
+    wider = 1 / half_height(shape)
     lines: list[list[float]] = []
     for _ in range(count):
         i, j = (int(k) for k in np.unravel_index(int(free.argmax()), free.shape))
         if free[i, j] <= 0:
             break
-        lines += _through(smooth, i, j, plate_size_m)
+        lines += _through(smooth, i, j, plate_size_m, wider)
         free[(rows - i) ** 2 + (columns - j) ** 2 < STARTS_APART**2] = -1.0
     return np.array(lines).reshape(-1, 6)
 
 
-def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, float]) -> list[list[float]]:
-    """The two best directions of a ridge through a sample."""
+def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, float], wider: float) -> list[list[float]]:
+    """The two best directions of a ridge through a sample; lines are ``wider`` than at half their height."""
     n, top = len(smooth), smooth[i, j]
     pitch_x, pitch_y = (size / n for size in plate_size_m)
     pitch = (pitch_x + pitch_y) / 2
@@ -74,8 +80,7 @@ def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, floa
             y + low * np.sin(angle),
             x + high * np.cos(angle),
             y + high * np.sin(angle),
-            # The half width of the cosine profile is half its full one.
-            float(np.clip(2 * width, 2e-4, 4e-3)),
+            float(np.clip(wider * width, 2e-4, 4e-3)),
             max(float(np.quantile(ridge, 0.3)), 3e-5),
         ]
         for _, angle, low, high, width, ridge in kept

@@ -9,7 +9,7 @@ from data_gen.config import ReliefConfig
 from data_gen.dataset_config import sample_generator
 from data_gen.patterns import draw_strokes
 from warp_caustics.prints.fit import fit_lines
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.prints.vectorise.moves import LineSet, joined_line
 from warp_caustics.prints.vectorise.proposals import proposed_lines
@@ -45,12 +45,24 @@ def one_thread():
     torch.set_num_threads(before)
 
 
-def test_exact_relief_gives_its_lines_back():
-    relief = relief_of(LINES)
-    found = lines_of_relief(MODEL, relief, torch.zeros(64, 64))
+@pytest.mark.parametrize("shape", [Shape(), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0)])
+def test_exact_relief_gives_its_lines_back(shape):
+    model = LineModel(SCENE)
+    model.shape = shape
+    relief = model.heights(LINES)
+    found = lines_of_relief(model, relief, torch.zeros(64, 64))
     assert len(found) == 3
     np.testing.assert_allclose(ordered(found), ordered(LINES), atol=2e-5)
-    assert error_um(found, relief) < 0.5
+    assert 1e6 * float((model.heights(found) - relief).square().mean().sqrt()) < 0.5
+
+
+def test_a_line_of_any_section_is_proposed_about_as_wide_as_it_is():
+    """The width at half the height is a ridge's; the full one follows from the section."""
+    for shape in (Shape(), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0)):
+        model = LineModel(SCENE)
+        model.shape = shape
+        proposed = proposed_lines(model.heights(LINES[:1]).double().numpy(), SCENE.plate_size_m, 1, shape)
+        assert proposed[0, 4] == pytest.approx(float(LINES[0, 4]), rel=0.3)
 
 
 def test_places_that_are_wrong_and_said_to_be_uncertain_do_no_harm():
