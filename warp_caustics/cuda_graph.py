@@ -15,14 +15,16 @@ def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
     """
     graph = torch.cuda.CUDAGraph()
     torch.cuda.synchronize()
-    # The garbage collector may free an older graph, which must not happen while one is recorded.
-    gc.collect()
+    was_enabled = gc.isenabled()
+    # The garbage collector may free an older graph, which must not happen while one is recorded; what is garbage by now
+    # can wait: to look for it takes longer than to record.
     gc.disable()
     try:
         with torch.cuda.graph(graph, capture_error_mode="thread_local"):
             output = call()
     finally:
-        gc.enable()
+        if was_enabled:
+            gc.enable()
     return graph, output
 
 
