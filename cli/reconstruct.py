@@ -38,7 +38,7 @@ TRANSPORT = "transport"
     "--set-up",
     type=click.Choice(SET_UPS),
     help="known: the bench is as it is told; estimate: look for its numbers beside the heights (direct, fibres, auto). "
-    "[default: estimate on a GPU, known on a CPU]",
+    "[default: estimate; of fibres on a CPU known]",
 )
 @click.option(
     "--prior",

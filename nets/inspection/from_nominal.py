@@ -52,8 +52,9 @@ from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
-PLAIN = {"bench_uncertainty": False, "causes": False}
-"""Of the network's answer, which is a start: how far it disagrees with itself, and nothing else."""
+PLAIN = {"bench_uncertainty": False, "causes": False, "set_up": "known"}
+"""Of the network's answer, which is a start on the bench that is told: how far it disagrees with itself, and nothing
+else."""
 
 
 class FromNominalOptions(Strict):

@@ -25,10 +25,11 @@ from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber, deviation, verdict_of
 from warp_caustics.found_bench.bench_step import BenchStep, bench_step
-from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction
+from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction
 from warp_caustics.reconstruct.exposure import light_ratio
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, measurement_at
 from warp_caustics.reconstruct.result import estimated_noise
+from warp_caustics.reconstruct.run_log import following
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
@@ -94,13 +95,18 @@ class BenchSearch:
             image: as it was measured.
             told: what was found on the bench that was told, refined.
             answer: heights of the network there, not refined [m], shape [n, n].
-            progress: called after every step of the second refinement.
+            progress: called after every round, and every step of the second refinement.
+
+        Raises:
+            KeyboardInterrupt: by ``progress``, before there are heights on another bench.
         """
         started = time.perf_counter()
+        whole = started - (told.history[-1]["elapsed_s"] if told.history else 0.0)
+        rounds = following(progress, len(told.history), whole)
         values, why = dict(self._before), "the image is explained as well by what was told"
         steps: list[BenchStep] = []
         try:
-            values, steps, sigma = self._searched(image, told, answer)
+            values, steps, sigma = self._searched(image, told, answer, rounds)
         except CausticsError as error:
             why = f"the search ended where no bench is: {error}"
             sigma = {}
@@ -109,7 +115,8 @@ class BenchSearch:
         kept, is_kept = told, False
         if any(found[name] != self._before[name] for name in found):
             try:
-                other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, progress)
+                later = following(progress, len(told.history) + len(steps), whole, "found bench, ")
+                other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, later)
             except CausticsError as error:
                 why = f"no heights can be found on that bench: {error}"
             else:
@@ -117,6 +124,7 @@ class BenchSearch:
                 is_kept = is_less(now, was, self._noise_left(image, told))
                 why = f"what is left of the image {'fell' if is_kept else 'did not fall'} from {was:.3g} to {now:.3g}"
                 kept = self._as_measured(other, found) if is_kept else told
+                kept = dataclasses.replace(kept, stop_reason=other.stop_reason)
         record = self._record(values, sigma, is_kept, why, len(steps))
         timings = told.timings_s | {"bench": search_s}
         if is_kept:
@@ -141,7 +149,7 @@ class BenchSearch:
         return {name: self.numbers.before[name] for name in self.numbers.names}
 
     def _searched(
-        self, image: CausticImage, told: Reconstruction, answer: FloatArray
+        self, image: CausticImage, told: Reconstruction, answer: FloatArray, progress: ProgressCallback | None
     ) -> tuple[dict[str, float], list[BenchStep], dict[str, float]]:
         """Values, the steps to them, and their deviations."""
         scene, device = self.method.scene, self.method.device
@@ -158,6 +166,8 @@ class BenchSearch:
             relief = torch.tensor(heights, dtype=torch.float32, device=device)
             step = bench_step(model, relief, values, measurement, noise)
             steps.append(step)
+            if progress is not None:
+                progress(Progress("looking for the bench", turn + 1, ROUNDS, math.nan, 0.0))
             move = {name: step.values[name] - values[name] for name in values}
             sigma = {name: math.hypot(step.sigma[name], abs(move[name]) / 2) for name in values}
             is_there = not step.gain or all(abs(move[name]) < step.sigma[name] for name in values)

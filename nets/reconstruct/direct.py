@@ -1,6 +1,8 @@
 """``direct``: heights from the image by one network, averaged over symmetries, then refined on the exact model."""
 
 import copy
+import dataclasses
+import time
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
@@ -29,11 +31,8 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
-
-def is_looked_for(set_up: str | None, device: torch.device) -> bool:
-    """Whether a bench is looked for by default or by an option ``set_up``."""
-    return (set_up or ("estimate" if device.type == "cuda" else "known")) == "estimate"
-
+SEARCH_TIMES = 4.0
+"""What looking for the bench may take, relative to what was done before: with less time left it is not begun."""
 
 BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes", "losses")
 """Those that are about the bench, which other methods take as it is told."""
@@ -53,8 +52,8 @@ class DirectOptions(RefinementOptions):
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
     set_up: Literal["known", "estimate"] | None = None
-    """Whether the bench is as it is told, or its numbers are looked for beside the heights; None: looked for on a GPU,
-    where that takes seconds, and on two cores of a CPU minutes."""
+    """Whether the bench is as it is told, or its numbers are looked for beside the heights; None: they are looked for.
+    That takes a tenth longer where nothing differs, and four times as long where something does."""
     priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
     """Standard deviations of what is told of it, by name; 0 is exact. Part of the uncertainty, and where numbers are
     looked for what is believed of them before. Of others: a bench that was measured with care."""
@@ -94,7 +93,7 @@ class Direct(Reconstructor):
         if self.options.max_iterations is not None:
             self.options = self.options.model_copy(update={"refine_iterations": self.options.max_iterations})
         self.options = self.options.on(self.device.type)
-        self.finds_bench = is_looked_for(self.options.set_up, self.device)
+        self.finds_bench = self.options.set_up != "known"
         self.finds_losses = self.device.type == "cuda" if self.options.losses is None else self.options.losses
         first = find_network("direct", scene, path=self.options.weights, device=self.device, any_grid=True)
         networks = [first]
@@ -142,19 +141,27 @@ class Direct(Reconstructor):
         far (a flat plate before the first), or the refinement so far. ``stop_reason`` is that of the refinement,
         ``converged`` without one.
         """
-        image = check_image(image, self.scene)
+        started, image = time.perf_counter(), check_image(image, self.scene)
         search = BenchSearch(self, self.numbers)
         seen = search.cleared(image)
         found, answer = self._found(seen, initial, progress)
         if self.watch is not None:
             self.watch(found)
-        if self.finds_bench and found.stop_reason != "interrupted":
-            found = search(image, found, answer, progress)
+        if self.finds_bench and found.stop_reason != "interrupted" and self._has_time(time.perf_counter() - started):
+            try:
+                found = search(image, found, answer, progress)
+            except KeyboardInterrupt:
+                found = dataclasses.replace(found, stop_reason="interrupted")
         if self.options.causes and found.stop_reason != "interrupted":
             found = with_causes(found, seen, self._simulator_of(found), self.numbers, answer)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
+
+    def _has_time(self, elapsed_s: float) -> bool:
+        """Whether another bench can be looked for within the time that is left."""
+        limit_s = self.options.max_time_s
+        return limit_s is None or (1 + SEARCH_TIMES) * elapsed_s < limit_s
 
     def _simulator_of(self, found: Reconstruction) -> CausticSimulator:
         """With the losses of light that were found."""

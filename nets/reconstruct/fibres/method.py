@@ -17,7 +17,7 @@ import torch
 from pydantic import Field
 
 from nets.reconstruct.bench_search import BenchSearch
-from nets.reconstruct.direct import Direct, DirectOptions, is_looked_for
+from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
@@ -68,7 +68,10 @@ BENCH_GAIN = 0.9
 
 
 class FibresOptions(DirectOptions):
-    """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines."""
+    """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
+
+    With lines a bench is looked for (``set_up``) by default on a GPU alone: of many lines it takes a CPU minutes.
+    """
 
     profile: Section | Literal["found"] = "found"
     """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
@@ -103,9 +106,10 @@ class Fibres(Reconstructor):
             device,
         )
         self.device = self.network.device
+        is_gpu = self.device.type == "cuda"
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
-        self.finds_bench = is_looked_for(self.options.set_up, self.device)
+        self.finds_bench = (self.options.set_up or ("estimate" if is_gpu else "known")) == "estimate"
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -146,6 +150,7 @@ class Fibres(Reconstructor):
     def _direct(self) -> Direct:
         """What finds plates that are no lines, with the bench and losses of light of its own."""
         options = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
+        options["set_up"] = "estimate" if self.finds_bench else "known"
         return Direct(self.network.network.seen.user, DirectOptions(**options), self.device)
 
     def _by_network(self, run: "_Run", image: CausticImage, progress: ProgressCallback | None) -> Reconstruction:
