@@ -299,8 +299,10 @@ class _Run:
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        options = self.method.options
+        options, told = self.method.options, self.model.shape
         start = starting_lines(self.model, heights, spread, options.most_lines, finds_section=self.method.finds_section)
+        # What the relief tells is the nearest of a few sections.
+        self.moves_section = self.model.shape != told
         self._search(self.told, start, options.jumps)
 
     def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:

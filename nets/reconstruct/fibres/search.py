@@ -132,8 +132,7 @@ class LineSearch:
             start: shape [L, 6] [m], float64.
         """
         if self.finds_section:
-            start, is_other = with_section_found(self.coarse, start)
-            self.moves_section = self.moves_section or is_other
+            start, self.moves_section = with_section_found(self.coarse, start, moves=self.moves_section)
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
             coarse = self._searched(self.coarse, start)

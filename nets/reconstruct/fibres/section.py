@@ -27,15 +27,16 @@ def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
     return changed
 
 
-def with_section_found(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor, bool]:
+def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = False) -> tuple[torch.Tensor, bool]:
     """Lines of the section and overlap that explain the image best; the model has these afterwards.
 
     Args:
         fit: judges; few pixels will do.
         lines: shape [L, 6] [m].
+        moves: the section moves with the lines even where none of the others is better: it is not the usual one.
 
     Returns:
-        Lines, shape [L, 6] [m], and whether their section is another than before.
+        Lines, shape [L, 6] [m], and whether their section has moved.
     """
     model = fit.model
     if not len(lines):
@@ -61,6 +62,6 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor) -> tuple[torch.Tensor
                 best_lines, best_shape = found, shape
     finally:
         model.shape, model.overlap = best_shape, best_overlap
-    if best_shape == given:
+    if best_shape == given and not moves:
         return best_lines.lines, False
     return fit.descend(best_lines.lines, MORE_ITERATIONS, with_section=True).lines, True

@@ -49,7 +49,8 @@ def truthful(monkeypatch, saved, relief):
     monkeypatch.setattr(NetworkAnswers, "__call__", answers)
 
     def make(**options):
-        return create("direct", SCENE, weights=saved("direct", scene=SCENE), refine=False, **options)
+        as_told = {"set_up": "known"} | options
+        return create("direct", SCENE, weights=saved("direct", scene=SCENE), refine=False, **as_told)
 
     return make
 
@@ -107,6 +108,28 @@ def test_on_another_bench_both_networks_are_asked():
         create("direct", Scene(base_thickness_m=4e-3)).on_bench(Scene(base_thickness_m=9e-3))
 
 
+def test_rounds_are_told_and_an_interrupted_search_leaves_what_was_found_before(truthful, relief):
+    image, told = taken(relief, vergence_per_m=2.5), []
+    before = truthful().reconstruct(image)
+
+    def interrupt(state):
+        told.append(state)
+        if state.stage == "looking for the bench":
+            raise KeyboardInterrupt
+
+    result = truthful(set_up="estimate").reconstruct(image, progress=interrupt)
+    assert told[-1].stage == "looking for the bench" and told[-1].iteration <= told[-1].total
+    assert result.stop_reason == "interrupted" and "bench" not in result.counters
+    np.testing.assert_array_equal(result.heights_m, before.heights_m)
+
+
+def test_a_bench_is_looked_for_unless_it_is_known_or_time_is_short(truthful, relief):
+    image = taken(relief)
+    assert "bench" in truthful(set_up=None).reconstruct(image).counters
+    assert "bench" not in truthful(set_up=None, max_time_s=1e-3).reconstruct(image).counters
+    assert "bench" in truthful(set_up=None, max_time_s=1e4).reconstruct(image).counters
+
+
 def test_gap_and_base_are_not_told(truthful, relief):
     result = truthful(set_up="estimate", priors={"gap_m": 2e-4}).reconstruct(taken(relief))
     gap = number(result, "gap_m")
@@ -115,7 +138,7 @@ def test_gap_and_base_are_not_told(truthful, relief):
 
 
 def test_a_bench_that_explains_nothing_better_is_not_kept(truthful, relief, monkeypatch):
-    def searched(self, image, told, answer):
+    def searched(self, image, told, answer, progress):
         values = {**self._before, "vergence_per_m": 3.0}
         return values, [], dict.fromkeys(values, 1e-4)
 

@@ -138,6 +138,15 @@ def test_the_section_is_found_with_the_lines(shape):
     assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 2.5
 
 
+def test_a_section_that_the_relief_told_moves_with_the_lines():
+    """Squashed crowns: nearest of all that are tried is a quarter cosine, and not exact."""
+    model, shape = model_of(0.5), Shape(0.6)
+    search = LineSearch(SCENE, seen(*shape), model, 2 * N, jumps=0, finds_section=True, moves_section=True)
+    search.run(reshaped(LINES + OFF, shape, Shape(0.5)))
+    assert search.moves_section
+    assert model.shape.exponent == pytest.approx(0.6, abs=0.02)
+
+
 def test_a_cosine_stays_one_where_it_is_the_section():
     model = LineModel(SCENE)
     search = LineSearch(SCENE, seen(1.0), model, 2 * N, jumps=0, finds_section=True)
