@@ -40,6 +40,8 @@ autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+# There are none, and to look for them every function is read and parsed once more.
+autodoc_use_type_comments = False
 add_module_names = False
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True

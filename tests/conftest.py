@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import gc
 import os
+import stat
 
 import pytest
 
@@ -23,6 +24,30 @@ os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(KEPT_BYTES))
 with contextlib.suppress(AttributeError, OSError):  # other C libraries have none
     for parameter in (-1, -3):
         ctypes.CDLL(None).mallopt(parameter, KEPT_BYTES)
+
+
+_fsync = os.fsync
+
+
+def _synced(descriptor):
+    """As ``os.fsync``, refusals included, but for the disk, for which some thousand calls would wait 5 ms each."""
+    mode = os.fstat(descriptor).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        _fsync(descriptor)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_waiting_for_disks():
+    """No test cuts the power: that files are synced, and in which order, is told by the calls. Children do sync."""
+    os.fsync = _synced
+    yield
+    os.fsync = _fsync
+
+
+@pytest.fixture
+def real_fsync(no_waiting_for_disks, monkeypatch):
+    """Asked for where the call itself is tested."""
+    monkeypatch.setattr(os, "fsync", _fsync)
 
 
 def pytest_addoption(parser):

@@ -68,14 +68,19 @@ def sum_over_chunks(
 
 
 def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-    """What ``work`` returns for each item, in order, without gradients; done on all cores of the CPU."""
+    """What ``work`` returns for each item, in order, without gradients; done on all cores of the CPU.
+
+    With one thread of torch's it is done here: to hand an item to another and wait takes longer than a small launch.
+    """
 
     def without_gradients(item: Item) -> Result:
         # torch's no_grad is per thread.
         with torch.no_grad():
             return work(item)
 
-    return _thread_pool().map(without_gradients, items) if len(items) > 1 else map(without_gradients, items)
+    if len(items) > 1 and torch.get_num_threads() > 1:
+        return _thread_pool().map(without_gradients, items)
+    return map(without_gradients, items)
 
 
 def warp_stream(device: torch.device) -> contextlib.AbstractContextManager[Any]:

@@ -87,28 +87,32 @@ def _surface(heights: FloatArray, scene: Scene) -> tuple[torch.Tensor, torch.Ten
 def _determinant(
     points: torch.Tensor, height: torch.Tensor, slope: torch.Tensor, bend: torch.Tensor, scene: Scene
 ) -> torch.Tensor:
-    """Determinants, shape [N]: forward derivatives along x and y with the surface moving along."""
-    landing = torch.func.vmap(lambda p, h, s: _landing(p, h, s, scene))
-    columns: list[torch.Tensor] = []
-    for axis in (0, 1):
-        step = torch.zeros_like(points)
-        step[:, axis] = 1.0
-        tangents = step, slope[:, axis], bend[:, :, axis]
-        columns.append(torch.func.jvp(landing, (points, height, slope), tangents)[1])
-    along_x, along_y = columns
-    found: torch.Tensor = along_x[:, 0] * along_y[:, 1] - along_x[:, 1] * along_y[:, 0]
+    """Determinants, shape [N]: derivatives along x and y with the surface moving along.
+
+    Backwards, since torch loads for a second what it needs for derivatives forwards.
+    """
+    with torch.enable_grad():
+        place, level, incline = given = [tensor.clone().requires_grad_() for tensor in (points, height, slope)]
+        landing = _landing(place, level, incline, scene)
+        gradients = [torch.autograd.grad(landing[:, k].sum(), given, retain_graph=True) for k in (0, 1)]
+    to_x, to_y = (
+        by_point + by_height[:, None] * slope + (by_slope[:, :, None] * bend).sum(1)
+        for by_point, by_height, by_slope in gradients
+    )
+    found: torch.Tensor = to_x[:, 0] * to_y[:, 1] - to_x[:, 1] * to_y[:, 0]
     return found
 
 
-def _landing(point: torch.Tensor, height: torch.Tensor, slope: torch.Tensor, scene: Scene) -> torch.Tensor:
-    """Where light through a point [2] of height [] [m] and slope [2] meets the screen [m], shape [2]."""
+def _landing(points: torch.Tensor, height: torch.Tensor, slope: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """Where light through points [N, 2] of heights [N] [m] and slopes [N, 2] meets the screen [m], shape [N, 2]."""
     middle = int(np.argsort(scene.wavelengths_m)[scene.n_wavelengths // 2])
     glass, outside = scene.glass_indices[middle], scene.exit_indices[middle]
-    position = torch.cat([point, (scene.base_thickness_m + height)[None]])
-    normal = torch.cat([-slope, torch.ones(1, dtype=torch.float64)])
-    normal = normal / torch.linalg.vector_norm(normal)
+    position = torch.cat([points, (scene.base_thickness_m + height)[:, None]], dim=1)
+    normal = torch.cat([-slope, torch.ones_like(height)[:, None]], dim=1)
+    normal = normal / torch.linalg.vector_norm(normal, dim=1, keepdim=True)
     inside = refract(incident_direction(position, scene), normal, 1.0, glass)
-    position = position + inside * (position[2] / -inside[2])
+    position = position + inside * (position[:, 2:] / -inside[:, 2:])
     upward = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     below = refract(inside, upward, glass, outside)
-    return (position + below * ((position[2] - scene.screen_position_m[2]) / -below[2]))[:2]
+    position = position + below * ((position[:, 2:] - scene.screen_position_m[2]) / -below[:, 2:])
+    return position[:, :2]

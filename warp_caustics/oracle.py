@@ -110,7 +110,10 @@ def screen_position(
 
 
 def incident_direction(position: torch.Tensor, scene: Scene, aside: torch.Tensor | None = None) -> torch.Tensor:
-    """Unit direction of the light at a position [m], shape [3]; ``aside`` as for :func:`screen_position`."""
+    """Unit direction of the light at a position [m], shape [3]; ``aside`` as for :func:`screen_position`.
+
+    Without it, of positions of shape [..., 3] too.
+    """
     if scene.is_collimated:
         slopes = [math.tan(angle) for angle in scene.light_tilt_rad]
         ray = torch.tensor([*slopes, -1.0], dtype=torch.float64)
@@ -120,7 +123,7 @@ def incident_direction(position: torch.Tensor, scene: Scene, aside: torch.Tensor
         ray = position - torch.tensor(scene.light_position_m, dtype=torch.float64)
         if aside is not None:
             ray = ray - torch.cat([aside, torch.zeros(1, dtype=torch.float64)])
-    unit: torch.Tensor = ray / torch.linalg.vector_norm(ray)
+    unit: torch.Tensor = ray / torch.linalg.vector_norm(ray, dim=-1, keepdim=True)
     return unit
 
 
@@ -132,9 +135,9 @@ def across(ray: torch.Tensor) -> torch.Tensor:
 
 
 def refract(direction: torch.Tensor, normal: torch.Tensor, n_before: float, n_behind: float) -> torch.Tensor:
-    """Snell's law for unit vectors, normal against the light; NaN at total reflection."""
+    """Snell's law for unit vectors [..., 3], normal against the light; NaN at total reflection."""
     eta = n_before / n_behind
-    cos_in = -(direction @ normal)
+    cos_in = -(direction * normal).sum(-1, keepdim=True)
     cos_out = torch.sqrt(1 - eta**2 * (1 - cos_in**2))
     return eta * direction + (eta * cos_in - cos_out) * normal
 

@@ -13,6 +13,7 @@ import yaml
 from cli.main import main
 from cli.train_config import new_run
 from nets.search.study import address, open_study
+from tests.memory_folder import memory_folder
 
 TINY = [
     "--device", "cpu", "--precision", "32", "--batch-size", "2", "--pool", "4", "--steps-per-epoch", "2",
@@ -34,6 +35,13 @@ def refused(capsys, *arguments):
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1, captured.err
     return code, captured.err
+
+
+@pytest.fixture
+def tmp_path(tmp_path):
+    """SQLite waits for the disk some hundred times in a small search."""
+    with memory_folder(tmp_path) as folder:
+        yield folder
 
 
 @pytest.fixture

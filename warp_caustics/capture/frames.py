@@ -10,6 +10,7 @@ from warp_caustics.capture.stage import Work
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.io.channels import in_nm
 from warp_caustics.io.image_file import ImageFile
+from warp_caustics.io.median import median_5x5
 from warp_caustics.io.noise import SMOOTHING_WINDOW, BoolImage, FloatImage, smooth_frame
 
 SATURATION = 0.999
@@ -197,9 +198,7 @@ def smooth_in_region(frame: FloatImage, region: BoolImage) -> tuple[FloatImage, 
 
 def fill_invalid(work: Work) -> None:
     """Give pixels without measurement their neighbours' median, so that who ignores the mask meets no nonsense."""
-    from scipy import ndimage
-
     for channel, signal in enumerate(work.signal):
         dead = ~np.isfinite(signal)
         if dead.any():
-            work.signal[channel] = np.where(dead, ndimage.median_filter(np.where(dead, 0, signal), 5), signal)
+            work.signal[channel] = np.where(dead, median_5x5(np.where(dead, 0, signal)), signal)

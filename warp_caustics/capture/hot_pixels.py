@@ -10,6 +10,7 @@ import numpy as np
 
 from warp_caustics.capture.preview import preview, preview_marks
 from warp_caustics.capture.stage import CaptureStage, Work
+from warp_caustics.io.median import median_5x5
 from warp_caustics.io.noise import BoolImage, FloatImage
 
 DARK_SIGMAS = 8.0
@@ -60,9 +61,7 @@ def replace_hot_pixels(work: Work, dark: FloatImage | None) -> None:
 
 def hot_in_dark(dark: FloatImage) -> BoolImage:
     """Pixels of a dark frame that stand out, shape [H, W]; they have their own dark current and its noise."""
-    from scipy import ndimage
-
-    rest = dark - ndimage.median_filter(dark, 5)
+    rest = dark - median_5x5(dark)
     spread = 1.4826 * float(np.median(np.abs(rest)))
     return np.asarray(np.abs(rest) > DARK_SIGMAS * max(spread, 1e-12), bool)
 
@@ -76,7 +75,7 @@ def dead_in_flat(flat: FloatImage, region: BoolImage | None) -> BoolImage:
     """
     from scipy import ndimage
 
-    dead = flat < DEAD_SHARE * ndimage.median_filter(flat, 5)
+    dead = flat < DEAD_SHARE * median_5x5(flat)
     return np.asarray(dead if region is None else dead & ndimage.binary_erosion(region, iterations=3), bool)
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.io.median import median_5x5
+
 FloatImage = npt.NDArray[np.float64]
 BoolImage = npt.NDArray[np.bool_]
 
@@ -63,7 +65,7 @@ def smooth_frame(frame: FloatImage) -> tuple[FloatImage, int]:
     Returns:
         The smoothed frame, shape [H, W], and the number of pixels kept as they were.
     """
-    from scipy import ndimage, signal
+    from scipy import signal
 
     window = min(SMOOTHING_WINDOW, *(size - (size + 1) % 2 for size in frame.shape))
     if window < 5:
@@ -75,7 +77,7 @@ def smooth_frame(frame: FloatImage) -> tuple[FloatImage, int]:
 
     # Compared with a local median of the remainder, not of the frame: where vignetting is steep, that one is biased.
     smooth = fitted(frame)
-    expected = smooth + ndimage.median_filter(frame - smooth, 5)
+    expected = smooth + median_5x5(frame - smooth)
     distance = np.abs(frame - expected)
     odd = distance > _OUTLIER * _MAD_TO_STD * np.median(distance)
     smooth = fitted(np.where(odd, expected, frame))

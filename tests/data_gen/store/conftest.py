@@ -1,12 +1,12 @@
 """What the tests of data sets on disk share."""
 
-import os
 import shutil
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
+
+from tests.memory_folder import memory_folder
 
 HERE = str(Path(__file__).parent)
 # Spawned workers get this path too, and so find the samplers.
@@ -16,14 +16,9 @@ if HERE not in sys.path:
 
 @pytest.fixture
 def folder(tmp_path):
-    """Place for a data set, in memory where that is possible: fsync on a disk takes most of a small build's time."""
-    memory = Path("/dev/shm")
-    if not os.access(memory, os.W_OK):
-        yield tmp_path / "set"
-        return
-    place = Path(tempfile.mkdtemp(prefix="nsfc-test-", dir=memory))
-    yield place / "set"
-    shutil.rmtree(place)
+    """Place for a data set: fsync on a disk takes most of a small build's time."""
+    with memory_folder(tmp_path) as place:
+        yield place / "set"
 
 
 @pytest.fixture(scope="session")

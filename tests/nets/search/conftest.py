@@ -9,6 +9,7 @@ from nets.search.config import SearchConfig
 from nets.search.study import Address, address, open_study
 from nets.search.worker import Goal, Worker
 from nets.training.config import default_run
+from tests.memory_folder import memory_folder
 
 
 def _tiny_search(kind="denoiser", *, scene=None, max_epochs=9, sampler="tpe", trial_time_s=None, data=None, **training):
@@ -24,6 +25,13 @@ def _tiny_search(kind="denoiser", *, scene=None, max_epochs=9, sampler="tpe", tr
 @pytest.fixture
 def tiny_search():
     return _tiny_search
+
+
+@pytest.fixture
+def tmp_path(tmp_path):
+    """SQLite waits for the disk some hundred times in a small search."""
+    with memory_folder(tmp_path) as folder:
+        yield folder
 
 
 @pytest.fixture

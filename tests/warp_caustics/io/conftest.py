@@ -1,6 +1,11 @@
-"""Tests that need the optional OpenEXR package are skipped without it."""
+"""Files reach the disk; tests that need the optional OpenEXR package are skipped without it."""
 
 import pytest
+
+
+@pytest.fixture(autouse=True)
+def _to_disk(real_fsync: None) -> None:
+    """Files are written here as they are for a user."""
 
 
 @pytest.fixture(autouse=True)
