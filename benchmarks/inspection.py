@@ -226,7 +226,7 @@ def draw(found: Inspection, title: str, path: Path) -> None:
             {"cmap": "RdBu_r", "vmin": -limit_um, "vmax": limit_um},
         ),
     ):
-        shown = axis.imshow(1e6 * values_m, origin="lower", **options)
+        shown = axis.imshow(1e6 * values_m, origin="upper", **options)
         axis.set_title(name)
         figure.colorbar(shown, ax=axis, shrink=0.8)
     if found.out_of_tolerance.any():
