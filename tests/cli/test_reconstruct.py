@@ -81,10 +81,11 @@ def test_trust_comes_first_and_says_the_same_everywhere(inputs, tmp_path, capsys
     record = json.loads((out / "result.json").read_text())
     line = record["trust"]["line"]
     assert next(iter(record)) == "trust" and record["trust"]["noise_source"] in ("given", "estimated")
-    if record["trust"]["pixels"] is None:
-        assert record["trust"]["left"] == pytest.approx(record["residual"])
+    assert record["trust"]["left_at_all"] == pytest.approx(record["residual"])
     assert lines[0] == f"trust      {line}"
-    at_all = "" if record["trust"]["pixels"] is None else " at all 128 pixels"
+    floor = f"{record['trust']['floor_at_all']:.2g}"
+    is_all = record["trust"]["pixels"] is None
+    at_all = "" if is_all else f" at all 128 pixels, where noise and simulation leave {floor}"
     assert f"residual   {record['residual']:.4g} of the image{at_all}" in lines
     assert f"uncertain  none, because {record['no_uncertainty']}" in lines and record["uncertainty"] is None
     page = (out / "report.html").read_text()
