@@ -2,21 +2,18 @@
 
 Every panel, line and text of a figure is still drawn, once; what is left out is the search for a layout in which no
 text touches another, which draws everything thrice more, and most pixels. A test that asks for ``full_figures`` gets
-them as they are. Whatever a command draws, of whatever test, has row 0 of every array on top.
+them as they are.
 """
 
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tests.upright import turned
-
 DPI = 20
 _savefig = Figure.savefig
 
 
 def quickly(figure, target, **options):
-    assert not turned(figure), "drawn upside down"
     figure.set_layout_engine("none")
     figure.set_dpi(DPI)
     if options.get("format") == "png" or str(target).endswith(".png"):

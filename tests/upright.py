@@ -1,5 +1,7 @@
 """Which way up a drawn array is: row 0 on top and column 0 at the left, as a photo viewer shows the file."""
 
+import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
@@ -21,3 +23,22 @@ def turned(figure: Figure) -> list[str]:
         for drawn in axes.get_images()
         if drawn.get_array().ndim >= 2 and min(drawn.get_array().shape[:2]) > 1 and not is_upright(drawn)
     ]
+
+
+@pytest.fixture(autouse=True)
+def upright_only(monkeypatch):
+    """In every test that knows this fixture, no array is drawn upside down, into whatever file or page."""
+    draw = Axes.imshow
+
+    def drawn(axes, *arguments, **options):
+        shown = draw(axes, *arguments, **options)
+        assert is_upright(shown), "drawn upside down: row 0 of an array belongs on top"
+        return shown
+
+    monkeypatch.setattr(Axes, "imshow", drawn)
+
+
+@pytest.fixture
+def any_way_up(upright_only, monkeypatch):
+    """Asked for by a test that draws upside down on purpose."""
+    monkeypatch.undo()

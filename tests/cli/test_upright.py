@@ -1,6 +1,6 @@
 """One orientation of all pictures: row 0 on top, as a photo viewer shows the image that was given.
 
-Pictures of other commands are looked at wherever their own tests draw them (``tests/quick_figures.py``).
+Pictures of other commands are looked at wherever their own tests draw them (``tests/upright.py``).
 """
 
 import numpy as np
@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from cli.figures import new_figure, plate_extent_mm, show_plate
 from cli.lit_glass import lit_glass
 from cli.overview import overview_figure, uncertainty_figure
+from cli.stages import stages_figure
 from tests.upright import turned
+from warp_caustics.capture.stage import CaptureStage
 from warp_caustics.reconstruct.plot import result_figure
 from warp_caustics.scene import Scene
 
@@ -32,7 +34,7 @@ def pixels(figure):
 
 
 @pytest.mark.parametrize(("origin", "inverted"), [("upper", False), ("lower", True), ("lower", False), ("upper", True)])
-def test_what_is_upside_down_is_found(origin, inverted):
+def test_what_is_upside_down_is_found(any_way_up, origin, inverted):
     """By the pixels themselves: the bright corner of an array, however its axes are put."""
     figure = Figure(figsize=(2, 2), dpi=50)
     axes = figure.add_axes((0, 0, 1, 1))
@@ -73,3 +75,17 @@ def test_lit_glass_is_lit_from_above():
     shown = lit_glass(hill, SCENE.model_copy(update={"height_samples": 48}), 5.0).mean(axis=-1)
     half = len(shown) // 2
     assert shown[: half - 8].mean() > shown[half + 8 :].mean() + 0.02
+
+
+def test_steps_of_a_capture():
+    """The photo as a viewer shows it, with the marks where they are."""
+    image = np.stack([corner(64)] * 3)
+    stage = CaptureStage(
+        "window", "found", image, image, np.array([[8.0, 8.0], [56.0, 8.0], [56.0, 56.0], [8.0, 56.0]]), {}
+    )
+    figure = stages_figure([stage], SCENE.wavelengths_m)
+    drawn = [axes for axes in figure.axes if axes.get_images()]
+    assert len(drawn) == 2 and not turned(figure)
+    (first,) = [line for line in drawn[0].get_lines() if len(line.get_xdata()) == 1]
+    low, high = drawn[0].transData.transform([first.get_xydata()[0], (32, 32)])[:, 1]
+    assert low > high, "the corner at row 8 lies above the middle"

@@ -197,6 +197,16 @@ def test_pictures_show_row_0_on_top(content):
     assert codes[0] < 100 < 200 < codes[-1]
 
 
+def test_maps_show_row_0_on_top(bare):
+    """The picture without JavaScript, and its axis."""
+    heights = np.zeros((32, 32))
+    heights[:4] = 1e-3
+    page = Page(report_text(dataclasses.replace(bare, heights_m=heights)))
+    (shown,) = [attrs["href"] for tag, attrs in page.tags if tag == "image" and attrs["href"][11:14] == "png"][:1]
+    light = np.asarray(picture(shown).convert("L")).astype(float).mean(axis=1)
+    assert light[:4].min() > light[4:].max() + 50
+
+
 @pytest.mark.parametrize("count", [1, 2, 31])
 def test_any_number_of_wavelengths(bare, count):
     scene = Scene(
