@@ -251,11 +251,6 @@ class _Run:
         counters["camera"] = view.resimulation.camera.record
         counters["discrepancy"] = left = view.discrepancy(heights)
         warnings = list(answer.warnings)
-        if left is not None and not is_explained(left):
-            warnings.append(
-                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
-                "which the difference of the images shows"
-            )
         if view is not self.told:
             record = bench_record(self.numbers, self.bench)
             counters |= {
@@ -277,6 +272,12 @@ class _Run:
             no_uncertainty=answer.no_uncertainty,
             found_at=found_at,
         )
+        if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
+            told = (
+                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
+                "which the difference of the images shows"
+            )
+            result = dataclasses.replace(result, warnings=(*result.warnings, told))
         if view is not self.told:
             measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
             result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
