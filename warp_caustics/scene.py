@@ -309,6 +309,8 @@ def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[
     """One readable line per problem of a failed validation: path, reason and offending value."""
     lines = []
     for item in error.errors():
+        if item["type"] == "default_factory_not_called":
+            continue  # what follows from another error, which is told
         path = ".".join(
             [prefix] * bool(prefix) + [shortened(str(part)) for part in item["loc"] if part not in ("float", "str")]
         )

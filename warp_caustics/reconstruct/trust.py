@@ -139,8 +139,8 @@ def image_trust(
         line = f"explained but for {_percent(places)} of its area: {told}; heights may be wrong there"
     else:
         line = (
-            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or set-up and camera "
-            "(blur) are not as described"
+            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or all of "
+            "them, where set-up or camera (blur) are not as described"
         )
     return Trust(
         line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond, pixels, residual, floor
