@@ -109,7 +109,7 @@ def draw(path: Path, images: dict[str, np.ndarray]) -> None:
     )
     for axes, (name, image) in zip(figure.subplots(1, len(images)), images.items(), strict=True):
         shown = image[row : row + size, column : column + size]
-        axes.imshow(shown, cmap="gray", vmin=0, vmax=float(np.percentile(clean, 99.5)), origin="lower")
+        axes.imshow(shown, cmap="gray", vmin=0, vmax=float(np.percentile(clean, 99.5)), origin="upper")
         axes.set_title(name, fontsize=9)
         axes.set_xticks([])
         axes.set_yticks([])

@@ -51,10 +51,10 @@ def main(target: Path) -> None:
         image = simulator(torch.tensor(heights, dtype=torch.float32)).numpy()
         row, column = divmod(number, COLUMNS)
         plate, caustic = axes[row, 2 * column : 2 * column + 2]
-        plate.imshow(1e6 * heights, origin="lower", cmap="viridis")
+        plate.imshow(1e6 * heights, origin="upper", cmap="viridis")
         plate.set_title(title, fontsize=9)
         plate.text(2, 3, f"{1e6 * heights.max():.0f} um", color="white", fontsize=8)
-        caustic.imshow((image.transpose(1, 2, 0) / SHOWN_W_M2).clip(0, 1), origin="lower")
+        caustic.imshow((image.transpose(1, 2, 0) / SHOWN_W_M2).clip(0, 1), origin="upper")
     figure.savefig(target, dpi=100, pil_kwargs={"optimize": True})
 
 

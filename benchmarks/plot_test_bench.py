@@ -38,7 +38,7 @@ def main() -> None:
         colours = np.clip(np.moveaxis(image, 0, -1) / WHITE, 0, 1) ** (1 / GAMMA)
         for row, part in enumerate((colours, colours[PART])):
             axes = figure.add_subplot(2, len(cases), 1 + column + row * len(cases))
-            axes.imshow(part, origin="lower", interpolation="nearest")
+            axes.imshow(part, origin="upper", interpolation="nearest")
             axes.set_xticks([])
             axes.set_yticks([])
             if row == 0:

@@ -125,14 +125,14 @@ def draw(pictures: dict[str, tuple[torch.Tensor, SetUpJacobian]], setup: SetUp, 
     priors = dict(zip(setup.names, setup.parameters, strict=True))
     for number, (plate, (image, jacobian)) in enumerate(pictures.items()):
         row = axes[number]
-        row[0].imshow(image[1], cmap="gray", vmin=0, vmax=2.5, origin="lower")
+        row[0].imshow(image[1], cmap="gray", vmin=0, vmax=2.5, origin="upper")
         row[0].set_ylabel(plate)
         row[0].set_title("" if number else "image", fontsize=8)
         for panel, name in zip(row[1:], PICTURED, strict=True):
             parameter = priors[name]
             change = (parameter.prior * jacobian.values[jacobian.names.index(name)])[1, BORDER:-BORDER, BORDER:-BORDER]
             most = max(float(change.abs().quantile(0.995)), 1e-9)
-            panel.imshow(change, cmap="RdBu_r", vmin=-most, vmax=most, origin="lower")
+            panel.imshow(change, cmap="RdBu_r", vmin=-most, vmax=most, origin="upper")
             factor, unit = UNITS.get(parameter.unit, (1.0, "" if parameter.unit == "1" else parameter.unit))
             if number == 0:
                 panel.set_title(f"{name}\n{factor * parameter.prior:.3g} {unit}", fontsize=8)

@@ -163,6 +163,12 @@ def _spread(rows: Sequence[dict[str, Any]], key: str) -> str:
     return ", ".join("{:.2f}/{:.2f}".format(*of(values, axis=0)) for of in (np.min, np.median, np.max))
 
 
+def constants() -> dict[str, dict[str, float]]:
+    """Of the uncertainty, by network: figures are of these, and have to be made anew where they change."""
+    of = {"direct.safetensors": DIRECT_CALIBRATION, "direct-family.safetensors": FAMILY_CALIBRATION}
+    return {file: {"scale": c.scale, "floor_um": 1e6 * c.floor_m, "shared": c.shared} for file, c in of.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=990_301)
@@ -181,7 +187,8 @@ def main() -> None:
             rows.append(measured_row(name, number, method.reconstruct(image), truth, scene))
             print(json.dumps(rows[-1]), flush=True)
             if arguments.json:
-                arguments.json.write_text(json.dumps({"seed": arguments.seed, "rows": rows}, indent=1) + "\n")
+                found = {"seed": arguments.seed, "constants": constants(), "rows": rows}
+                arguments.json.write_text(json.dumps(found, indent=1) + "\n")
     print("\n".join(summary(rows)))
 
 

@@ -41,8 +41,8 @@ def run_batch(job: Job, images: Sequence[str], output: str) -> int:
         MismatchError: another batch writes there.
         DamagedDataError: its overview was replaced by something else.
     """
-    folder = made_folder(output)
     names = result_names(images)
+    folder = made_folder(output)
     inputs = {path for image in images for path in job.reads(image)}
     targets = {image: check_target(folder / names[image], job.force, job.kind, inputs) for image in images}
     table = CsvTable(folder / SUMMARY, COLUMNS)

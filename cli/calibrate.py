@@ -50,7 +50,11 @@ MOST_ADVICE = 3
     help="Parameters to look for, such as gap_m,tilt_x_rad,psf_px; all usual ones if not given. Repeatable.",
 )
 @click.option(
-    "--prior", "priors", multiple=True, metavar="NAME=WIDTH", help="Standard deviation in SI units, e.g. gap_m=1e-4."
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NAME=WIDTH",
+    help="Standard deviation, e.g. gap_m=5um or 5e-6.",
 )
 @click.option("--noise", type=number, help="Of a pixel, as part of flat light. [default: seen in each capture]")
 @click.option(

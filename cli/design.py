@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import bench_option, config_options, device_option, integer, json_option, length, number
+from cli.options import bench_option, config_options, count, device_option, json_option, length, number, seconds
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED
 
@@ -66,8 +66,8 @@ PATENTS = (
     help="Tone curve of the picture. [default: srgb of 8 and 16 bits, linear of floats]",
 )
 @click.option("--mirror", is_flag=True, help="For a screen looked at from the plate's side instead of through it.")
-@click.option("--max-iterations", type=integer, help="Descent steps per image size, at most. [default: 50]")
-@click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
+@click.option("--max-iterations", type=count, help="Descent steps per image size, at most. [default: 50]")
+@click.option("--max-time", type=seconds, metavar="SECONDS", help="Stop after so many seconds.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
 @bench_option
 @device_option

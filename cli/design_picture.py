@@ -10,7 +10,7 @@ from warp_caustics.design.designer import Design
 def design_figure(design: Design) -> Figure:
     """Four panels: target, caustic by independent light paths, relief, difference.
 
-    Row 0 is at the top, so y grows downwards: the view onto the screen from below.
+    As all pictures: row 0 at the top, so y grows downwards, the view onto the screen from below.
     """
     scene, target = design.scene, design.target
     radiosity = np.asarray(scene.radiosity_W_m2)
@@ -22,13 +22,13 @@ def design_figure(design: Design) -> Figure:
     for axes, image, title in ((panels[0, 0], target, "target"), (panels[0, 1], caustic, "simulated caustic")):
         shown = np.clip(image / white, 0.0, 1.0) ** (1 / DISPLAY_GAMMA)
         title = f"{title}, white = {white:.3g} of a flat plate"
-        show_plate(axes, scene, shown, title, lowest_y_on_top=True, cmap="gray", vmin=0, vmax=1)
-    heights = show_plate(panels[1, 0], scene, design.heights_m * 1e3, "relief", lowest_y_on_top=True, cmap="viridis")
+        show_plate(axes, scene, shown, title, cmap="gray", vmin=0, vmax=1)
+    heights = show_plate(panels[1, 0], scene, design.heights_m * 1e3, "relief", cmap="viridis")
     add_bar(figure, heights, panels[1, 0], "height [mm]")
     residual = caustic - target
     limit = white_level(np.abs(residual))
     scale = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit}
-    difference = show_plate(panels[1, 1], scene, residual, "caustic - target", lowest_y_on_top=True, **scale)
+    difference = show_plate(panels[1, 1], scene, residual, "caustic - target", **scale)
     add_bar(figure, difference, panels[1, 1], "of a flat plate", extend="both")
     figures = design.figures["picture"]
     ssim = "" if figures["ssim"] is None else f", SSIM {figures['ssim']:.3f}"

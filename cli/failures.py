@@ -11,6 +11,17 @@ import click
 
 from warp_caustics.errors import EXIT_BUG, CausticsError, InputError, ResourceError, is_out_of_memory
 
+_PLACES = {
+    errno.ENAMETOOLONG: "shorten the name",
+    errno.EACCES: "choose a place that this user may read and write",
+    errno.EPERM: "choose a place that this user may read and write",
+    errno.EROFS: "choose a place that can be written",
+    errno.ELOOP: "follow the symbolic links, they lead in a circle",
+    errno.ENOTDIR: "a part of the path is no folder; check the spelling",
+}
+"""What is wrong with a path that somebody gave, wherever it was met; the mend."""
+_LONGEST_NAME = 120
+
 
 def explained(error: Exception) -> tuple[str, int]:
     """Message and exit code for an error; the traceback of one that nobody foresaw goes to a file."""
@@ -25,7 +36,14 @@ def explained(error: Exception) -> tuple[str, int]:
         return f"out of memory; {_what_fits()}", ResourceError.exit_code
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         return f"{error}; free space on the disk", ResourceError.exit_code
+    if isinstance(error, OSError) and error.errno in _PLACES and error.filename is not None:
+        name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else str(error.filename)
+        return f"{_shortened(name)!r}: {error.strerror}; {_PLACES[error.errno]}", InputError.exit_code
     return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..."
 
 
 def _what_fits() -> str:

@@ -61,24 +61,26 @@ def new_figure(width_in: float, height_in: float, *, dpi: int = 100, layout: Any
     return figure
 
 
-def show_plate(axes: Axes, scene: Scene, values: npt.ArrayLike, title: str, *, lowest_y_on_top: bool = False,
-               **options: Any) -> Any:  # fmt: skip
+def show_plate(axes: Axes, scene: Scene, values: npt.ArrayLike, title: str, **options: Any) -> Any:
     """Draw a map of the plate or the window with axes in millimetres.
+
+    Row 0 is on top, as a photo viewer shows the file, so y grows downwards: the view onto the screen from below.
 
     Args:
         axes: where.
         scene: gives the plate's size.
         values: map or colours, shape [rows, columns] or [rows, columns, 3]; the row grows with +y.
         title: of the panel.
-        lowest_y_on_top: the view from below, in which row 0 of a picture is on top.
         options: of ``imshow``.
     """
-    width, length = (size * 1e3 for size in scene.plate_size_m)
     axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]")
-    y = (length / 2, -length / 2) if lowest_y_on_top else (-length / 2, length / 2)
-    return axes.imshow(
-        values, origin="upper" if lowest_y_on_top else "lower", extent=(-width / 2, width / 2, *y), **options
-    )
+    return axes.imshow(values, origin="upper", extent=plate_extent_mm(scene), **options)
+
+
+def plate_extent_mm(scene: Scene) -> tuple[float, float, float, float]:
+    """Edges of a map: left, right, bottom, top [mm], for ``origin="upper"``; the row grows with +y, row 0 is on top."""
+    width, length = (size * 1e3 for size in scene.plate_size_m)
+    return -width / 2, width / 2, length / 2, -length / 2
 
 
 def add_bar(figure: Figure, drawn: Any, axes: Axes, label: str, **options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A relief as lit glass, seen from above."""
+"""A relief as lit glass, heights towards the viewer, row 0 on top as in all pictures."""
 
 import numpy as np
 import scipy.ndimage
@@ -7,7 +7,8 @@ from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
 _SHOWN_SLOPE = 1.2
-_LIGHT = np.array([-0.55, 0.6, 0.58]) / np.linalg.norm([-0.55, 0.6, 0.58])
+_LIGHT = np.array([-0.55, -0.6, 0.58]) / np.linalg.norm([-0.55, -0.6, 0.58])
+"""From the upper left: y grows downwards in the picture."""
 _TINT = np.array([0.56, 0.74, 0.80])
 _MIN_SIDE = 192
 

@@ -34,6 +34,22 @@ def integer(text: str) -> int:
     return int(value)
 
 
+def count(text: str) -> int:
+    """Option type: whole number from 1 on."""
+    value = integer(text)
+    if value < 1:
+        raise click.BadParameter(f"{text!r} is not at least 1")
+    return value
+
+
+def seconds(text: str) -> float:
+    """Option type: time [s] above 0."""
+    value = number(text)
+    if value <= 0:
+        raise click.BadParameter(f"{text!r} s is no time; write for example 60")
+    return value
+
+
 MAX_PLATE_LENGTH_M = 1.0
 
 
@@ -58,6 +74,23 @@ def plate_length(text: str) -> float:
             f"{text!r} is {value:g} m, not between 0 and {MAX_PLATE_LENGTH_M:g} m; give a unit such as um"
         )
     return value
+
+
+def named_number(text: str, option: str) -> tuple[str, float]:
+    """A number of a set-up from NAME=NUMBER, in SI units; lengths (``..._m``) with a unit, too: ``gap_m=5um``.
+
+    Args:
+        text: as it was given.
+        option: in which, for the message.
+    """
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals:
+        raise click.BadParameter(f"{text!r} is not NAME=NUMBER; write for example gap_m=5um", param_hint=option)
+    is_length = name.endswith("_m") and not name.endswith("_per_m")
+    try:
+        return name, length(value) if is_length else number(value)
+    except click.BadParameter as error:
+        raise click.BadParameter(f"{name}: {error.message}", param_hint=option) from None
 
 
 UNITS_S = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}

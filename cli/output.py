@@ -126,7 +126,7 @@ def check_target(target: PathLike, force: bool, kind: ResultKind, inputs: Iterab
     """
     path, name = Path(os.path.realpath(target)), repr(os.fspath(target))
     if path == Path.cwd() or path in Path.cwd().parents:
-        raise InputError(f"output {name} is the folder you are in; name a new folder")
+        raise InputError(f"output {name} is the folder you are in, or holds it; name a new folder")
     check_apart(target, inputs)
     path, held = checked_folder(target, lambda entry: True)
     if not held:

@@ -7,7 +7,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
-from cli.options import bench_option, config_options, device_option, integer, json_option, number
+from cli.options import bench_option, config_options, count, device_option, integer, json_option, seconds
 from warp_caustics.errors import EXIT_INTERRUPTED
 
 SET_UPS = ("known", "estimate")
@@ -32,8 +32,8 @@ TRANSPORT = "transport"
     help="Height map to start from, or transport: what that method finds. [default: the method's choice]",
 )
 @click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
-@click.option("--max-iterations", type=integer, help="Iterations per stage, at most.")
-@click.option("--max-time", type=number, metavar="SECONDS", help="Stop after so many seconds.")
+@click.option("--max-iterations", type=count, help="Iterations per stage, at most.")
+@click.option("--max-time", type=seconds, metavar="SECONDS", help="Stop after so many seconds.")
 @click.option(
     "--set-up",
     type=click.Choice(SET_UPS),
@@ -45,7 +45,7 @@ TRANSPORT = "transport"
     "priors",
     multiple=True,
     metavar="NAME=WIDTH",
-    help="Standard deviation of a number that is told, in SI units; 0 is exact. Of the uncertainty, "
+    help="Standard deviation of a number that is told, in SI units or as gap_m=5um; 0 is exact. Of the uncertainty, "
     "and of --set-up estimate (direct, fibres, auto).",
 )
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")

@@ -195,9 +195,12 @@ def _parts(parts: Mapping[str, Any] | None) -> str:
 
 
 def _at_all(result: "Reconstruction") -> str:
-    """Where the residual is of other pixels than the share that the line above tells."""
-    is_judged_elsewhere = result.trust is not None and result.trust.pixels is not None
-    return f" at all {result.image.shape[-1]} pixels" if is_judged_elsewhere else ""
+    """Where the residual is of other pixels than the share of the line ``trust``, and what noise leaves of those."""
+    if result.trust is None or result.trust.pixels is None:
+        return ""
+    floor = result.trust.floor_at_all
+    of_noise = "" if floor is None else f", where noise and simulation leave {floor:.2g}"
+    return f" at all {result.image.shape[-1]} pixels{of_noise}"
 
 
 def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) -> list[str]:

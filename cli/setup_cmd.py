@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import rich_click as click
 
 from cli.console import Console
-from cli.options import bench_option, config_options, device_option, json_option, number
+from cli.options import bench_option, config_options, device_option, json_option, named_number, number
 from warp_caustics.device import start_device
 
 if TYPE_CHECKING:
@@ -39,7 +39,11 @@ _SAMPLES = "scene.height_samples"
     help="Parameters that are not known, such as gap_m,tilt_x_rad,psf_px; all usual ones if not given. Repeatable.",
 )
 @click.option(
-    "--prior", "priors", multiple=True, metavar="NAME=WIDTH", help="Standard deviation in SI units, e.g. gap_m=1e-4."
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NAME=WIDTH",
+    help="Standard deviation, e.g. gap_m=5um or 5e-6.",
 )
 @click.option("--noise", type=number, default=0.01, show_default=True, help="Of a pixel, as part of flat light.")
 @click.option("--border", type=int, default=8, show_default=True, metavar="PIXELS", help="Not looked at on all sides.")
@@ -88,7 +92,10 @@ def setup(
     from warp_caustics.setup.set_up import SetUp
 
     names = [name for given in free for name in given.split(",") if name] or None
-    view, before = None if camera is None else camera_config(camera), _priors(priors)
+    view, before = (
+        None if camera is None else camera_config(camera),
+        dict(named_number(text, "--prior") for text in priors),
+    )
     if bench is not None:
         from warp_caustics.calibration.bench_file import read_bench
 
@@ -173,16 +180,6 @@ def _plate(
 
     relief = read_relief(heights, scene.height_samples, scene.plate_size_m, "height map")
     return scene, torch.tensor(relief, dtype=torch.float64)
-
-
-def _priors(given: tuple[str, ...]) -> dict[str, float]:
-    found = {}
-    for text in given:
-        name, equals, width = text.partition("=")
-        if not equals:
-            raise click.BadParameter(f"{text!r} is not NAME=WIDTH; write for example gap_m=1e-4", param_hint="--prior")
-        found[name.strip()] = number(width)
-    return found
 
 
 def _unknown(given: str, heights: str, scene: "Scene") -> "UnknownHeights | None":

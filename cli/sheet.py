@@ -83,11 +83,11 @@ def _show(figure: Figure, axes: Axes, name: str, array: npt.NDArray[Any], scene:
     axes.set_xticks([])
     axes.set_yticks([])
     if array.ndim == 3:
-        axes.imshow(rgb_composite(array, scene.wavelengths_m, white), origin="lower")
+        axes.imshow(rgb_composite(array, scene.wavelengths_m, white), origin="upper")
         return
     if name == "gradient":
         limit = white_level(np.abs(array))
-        drawn = axes.imshow(array, origin="lower", cmap="RdBu_r", vmin=-limit, vmax=limit)
+        drawn = axes.imshow(array, origin="upper", cmap="RdBu_r", vmin=-limit, vmax=limit)
     else:
-        drawn = axes.imshow(array * 1e6, origin="lower", cmap="viridis")
+        drawn = axes.imshow(array * 1e6, origin="upper", cmap="viridis")
     figure.colorbar(drawn, ax=axes, shrink=0.8)

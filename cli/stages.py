@@ -46,8 +46,8 @@ def _show(
         axes.axis("off")
         return
     white = white_level(image)
-    # Row 0 below, as in every other picture of the window.
-    axes.imshow(rgb_composite(image, wavelengths_m, white), origin="lower", interpolation="antialiased")
+    # Row 0 on top, as a photo viewer shows it and every other picture of the window.
+    axes.imshow(rgb_composite(image, wavelengths_m, white), origin="upper", interpolation="antialiased")
     _, height, width = image.shape
     axes.set_title(f"{title}, {width} x {height} px, white = {white:.4g}", fontsize=8)
     axes.tick_params(labelsize=7)

@@ -15,7 +15,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
-LARGEST_FIBRE_M = 0.1
+SMALLEST_FIBRE_M, LARGEST_FIBRE_M = 1e-7, 0.1
 """Wider or higher is no fibre but a unit mistake [m]."""
 
 RAYS = 200_001
@@ -55,9 +55,10 @@ class Fibre:
 
     def __post_init__(self) -> None:
         for name, value in (("width", self.width_m), ("height", self.height_m)):
-            if not 0 < value <= LARGEST_FIBRE_M:
+            if not SMALLEST_FIBRE_M <= value <= LARGEST_FIBRE_M:
                 raise InputError(
-                    f"fibre {name} {value:g} m is not between 0 and {LARGEST_FIBRE_M:g} m; write 2mm or so"
+                    f"fibre {name} {value:g} m is not between {SMALLEST_FIBRE_M:g} and {LARGEST_FIBRE_M:g} m; "
+                    "write 2mm or so"
                 )
 
 

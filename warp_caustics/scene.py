@@ -53,7 +53,7 @@ def _check_wavelength(value: float) -> float:
 
 def _check_plate_length(value: float) -> float:
     if not 0 < value <= MAX_PLATE_M:
-        hint = f"; did you mean {value * 1e-3:g} ({value:g} mm)?" if value > MAX_PLATE_M else ""
+        hint = f"; did you mean {value * 1e-3:g} ({value:g} mm)?" if MAX_PLATE_M < value <= 1e3 * MAX_PLATE_M else ""
         raise ValueError(f"{value:g} m is not between 0 (exclusive) and {MAX_PLATE_M:g} m{hint or '; give metres'}")
     return value
 
@@ -309,6 +309,8 @@ def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[
     """One readable line per problem of a failed validation: path, reason and offending value."""
     lines = []
     for item in error.errors():
+        if item["type"] == "default_factory_not_called":
+            continue  # what follows from another error, which is told
         path = ".".join(
             [prefix] * bool(prefix) + [shortened(str(part)) for part in item["loc"] if part not in ("float", "str")]
         )
@@ -319,6 +321,8 @@ def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[
             message = f"{message}, got {_shortened(item['input'])}"
             if item["type"] == "float_parsing" and any(str(part).endswith("_m") for part in item["loc"]):
                 message += "; give metres, or a unit as in 3mm, 50um, 530nm"
+            if item["type"] in ("tuple_type", "list_type"):
+                message += "; give a list, as [1, 2, 3], of one value too: [1]"
         line = f"{path}: {message}" if path else message
         if line not in lines:
             lines.append(line)

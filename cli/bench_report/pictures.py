@@ -61,7 +61,7 @@ class RunPictures:
             (panels[0], true_um, f"{case.name}, up to {limit:.0f} um", {"cmap": "viridis", "vmin": 0, "vmax": limit}),
             (panels[1], image, "image given", {}),
         ):
-            axes.imshow(values, origin="lower", **options)
+            axes.imshow(values, origin="upper", **options)
             axes.set_title(title, fontsize=8)
         errors = {record["method"]: self._error_um(record, field.heights_m) for record in mine}
         known = [np.quantile(np.abs(error), 0.98) for error in errors.values() if error is not None]
@@ -71,7 +71,7 @@ class RunPictures:
             if error is None:
                 axes.set_title(f"{method}\nfailed", fontsize=8)
                 continue
-            drawn = axes.imshow(error, origin="lower", cmap="RdBu_r", vmin=-scale, vmax=scale)
+            drawn = axes.imshow(error, origin="upper", cmap="RdBu_r", vmin=-scale, vmax=scale)
             axes.set_title(f"{method}, found - true\nRMSE {np.sqrt(np.mean(error**2)):.3g} um", fontsize=8)
         for axes in panels:
             axes.set_xticks([])

@@ -8,7 +8,7 @@ from typing import Any
 import pydantic
 from pydantic import Field
 
-from cli.options import number
+from cli.options import named_number
 from warp_caustics.calibration.plate_file import read_plate
 from warp_caustics.calibration.plates import FLAT, KnownPlate
 from warp_caustics.capture.settings import CaptureSettings, capture_files, capture_settings
@@ -141,15 +141,5 @@ def _of_list(entry: ListedShot, folder: Path) -> Shot:
 
 
 def named_numbers(given: Sequence[str], option: str) -> dict[str, float]:
-    """NAME=NUMBER options as a mapping.
-
-    Raises:
-        InputError: another form.
-    """
-    found = {}
-    for text in given:
-        name, equals, width = text.partition("=")
-        if not equals:
-            raise InputError(f"{option} {text!r} is not NAME=NUMBER; write for example gap_m=1e-4")
-        found[name.strip()] = number(width)
-    return found
+    """NAME=NUMBER options as a mapping; of one name, the last."""
+    return dict(named_number(text, option) for text in given)

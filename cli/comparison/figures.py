@@ -117,8 +117,8 @@ class Sheets:
     def _show(self, axes: Axes, values: FloatArray, **options: Any) -> Any:
         axes.set_xticks([])
         axes.set_yticks([])
-        # Row grows with +y.
-        return axes.imshow(values, origin="lower", extent=(0, 1, 0, 1), **options)
+        # Row 0 on top, as a photo viewer shows it.
+        return axes.imshow(values, origin="upper", extent=(0, 1, 0, 1), **options)
 
     def _glass(self, axes: Axes, field: Field, heights_m: FloatArray, title: str) -> None:
         self._show(axes, lit_glass(heights_m, self.scene, self.factors[field.name]))

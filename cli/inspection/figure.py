@@ -4,7 +4,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cli.figures import new_figure, show_plate
+from cli.figures import new_figure, plate_extent_mm, show_plate
 from warp_caustics.inspection.findings import Inspection
 from warp_caustics.scene import Scene
 
@@ -61,7 +61,8 @@ def _mark(axes: Axes, scene: Scene, found: Inspection) -> None:
     ):
         if cells is None or not cells.any():
             continue
-        axes.contour(cells.astype(float), levels=[0.5], colors=colour, linewidths=1.2, extent=_extent(scene))
+        extent = plate_extent_mm(scene)
+        axes.contour(cells.astype(float), [0.5], colors=colour, linewidths=1.2, extent=extent, origin="upper")
         handles.append(Line2D([], [], color=colour, label=name))
     for region in found.regions[:MAX_NUMBERED]:
         axes.annotate(
@@ -77,8 +78,3 @@ def _mark(axes: Axes, scene: Scene, found: Inspection) -> None:
         )
     if handles:
         axes.legend(handles=handles, loc="lower left", fontsize=8)
-
-
-def _extent(scene: Scene) -> tuple[float, float, float, float]:
-    width, length = (size * 1e3 for size in scene.plate_size_m)
-    return -width / 2, width / 2, -length / 2, length / 2

@@ -79,7 +79,7 @@ def plate_frame(
     """A picture of the plate or the window with axes in millimetres.
 
     Args:
-        uri: the picture, row 0 at the bottom.
+        uri: the picture, row 0 on top: y grows downwards.
         alt: what it shows, in words.
         size_mm: extent along x and y.
         centre_mm: of the extent.
@@ -94,7 +94,7 @@ def plate_frame(
         return _LEFT + width * (mm - low[0]) / size_mm[0]
 
     def y_of(mm: float) -> float:
-        return _TOP + height * (1 - (mm - low[1]) / size_mm[1])
+        return _TOP + height * (mm - low[1]) / size_mm[1]
 
     return Frame(
         uri=uri,
@@ -104,7 +104,7 @@ def plate_frame(
         x_ticks=[(x_of(mm), number(mm)) for mm in _ticks(low[0], low[0] + size_mm[0])],
         y_ticks=[(y_of(mm), number(mm)) for mm in _ticks(low[1], low[1] + size_mm[1])],
         bar=bar,
-        boxes=[Box(x_of(a), y_of(d), x_of(c) - x_of(a), y_of(b) - y_of(d), text) for a, b, c, d, text in boxes_mm],
+        boxes=[Box(x_of(a), y_of(b), x_of(c) - x_of(a), y_of(d) - y_of(b), text) for a, b, c, d, text in boxes_mm],
         smooth=smooth,
     )
 

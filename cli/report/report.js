@@ -90,10 +90,11 @@
       trace.hovertemplate = trace.hovertemplate.replace("%{z:", "%{customdata:");
     }
     const boxes = map.boxes.map(([x0, y0, x1, y1]) => ({ type: "rect", x0: x0, y0: y0, x1: x1, y1: y1, line: { color: INK, width: 1.3 } }));
-    const numbers = map.boxes.map(([, , x1, y1, text]) => ({ x: x1, y: y1, text: "<b>" + text + "</b>", showarrow: false, xanchor: "left", yanchor: "top", bgcolor: "rgba(255,255,255,0.8)", borderpad: 1, font: { size: 12, color: INK } }));
+    const numbers = map.boxes.map(([, y0, x1, , text]) => ({ x: x1, y: y0, text: "<b>" + text + "</b>", showarrow: false, xanchor: "left", yanchor: "top", bgcolor: "rgba(255,255,255,0.8)", borderpad: 1, font: { size: 12, color: INK } }));
     const style = layout(MAP_MARGIN, {
       xaxis: axis("x [mm]", { range: [-WIDTH / 2, WIDTH / 2], constrain: "domain", showgrid: false }),
-      yaxis: axis("y [mm]", { range: [-LENGTH / 2, LENGTH / 2], scaleanchor: "x", constrain: "domain", showgrid: false }),
+      // Row 0 on top, as a photo viewer shows the image.
+      yaxis: axis("y [mm]", { range: [LENGTH / 2, -LENGTH / 2], scaleanchor: "x", constrain: "domain", showgrid: false }),
       plot_bgcolor: "#bebebe", shapes: boxes, annotations: numbers,
     });
     return draw("map-" + name, [trace], style, (width) => {

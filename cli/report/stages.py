@@ -70,6 +70,6 @@ def _dots(stage: "CaptureStage", frame: Frame) -> list[tuple[float, float]]:
     assert stage.before is not None and stage.marks_px is not None
     _, rows, columns = stage.before.shape
     return [
-        (_WIDTH * (float(x) + 0.5) / columns, frame.size[1] * (1 - (float(y) + 0.5) / rows))
+        (_WIDTH * (float(x) + 0.5) / columns, frame.size[1] * (float(y) + 0.5) / rows)
         for x, y in stage.marks_px[:MAX_DOTS]
     ]

@@ -91,6 +91,9 @@ def key_figures(content: "ReportContent", record: Mapping[str, Any]) -> list[Key
         note = "of the light, between image and re-simulation"
         if pixels := _judged_pixels(record):
             note += f", at all {content.scene.image_pixels} pixels; the line above judges at {pixels}"
+            floor = mapping(record.get("trust")).get("floor_at_all")
+            if isinstance(floor, float):
+                note += f"; noise and simulation leave {number(_percent(floor))} % of all"
         figures.append(KeyFigure("Image residual", number(_percent(record["residual"])), "%", note))
     errors = mapping(record.get("errors"))
     if errors.get("rmse_um") is not None:

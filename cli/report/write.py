@@ -106,7 +106,7 @@ def _lit_frame(content: "ReportContent") -> tuple["Frame", float]:
     factor = exaggeration(heights, content.scene)
     uri = rgb_picture(lit_glass(heights, content.scene, factor))
     size_mm = content.scene.plate_size_m[0] * 1e3, content.scene.plate_size_m[1] * 1e3
-    return plate_frame(uri, "The recovered relief as lit glass, seen from above", size_mm, smooth=True), factor
+    return plate_frame(uri, "The recovered relief as lit glass", size_mm, smooth=True), factor
 
 
 def _caustic_frames(content: "ReportContent") -> dict[str, "Frame"]:

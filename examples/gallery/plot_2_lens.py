@@ -53,7 +53,7 @@ axes[0].plot(1e3 * distances_m, found, "o", label="simulated")
 axes[0].set(xlabel="screen distance [mm]", ylabel="irradiance on the axis [W/m²]")
 axes[0].legend()
 for axis, i in zip(axes[1:], (1, 3, 6), strict=True):
-    shown = axis.imshow(images[i], origin="lower", extent=[-10, 10, -10, 10], cmap="magma")
+    shown = axis.imshow(images[i], origin="upper", extent=[-10, 10, 10, -10], cmap="magma")
     axis.set(title=f"{1e3 * distances_m[i]:.0f} mm", xlabel="x [mm]")
     figure.colorbar(shown, ax=axis, shrink=0.8)
 plt.show()

@@ -28,15 +28,15 @@ gradient = heights.grad
 # %%
 # Left the caustic at 530 nm with the pixel, right which heights brighten (red) or darken (blue) it.
 
-millimetres = [-10, 10, -10, 10]
+millimetres = [-10, 10, 10, -10]
 figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
-shown = axes[0].imshow(image[1].detach(), origin="lower", extent=millimetres, cmap="magma")
+shown = axes[0].imshow(image[1].detach(), origin="upper", extent=millimetres, cmap="magma")
 centre_mm = [(i + 0.5) / 64 * 20 - 10 for i in (column, row)]
 axes[0].plot(*centre_mm, "s", color="cyan", mfc="none", ms=10)
 axes[0].set(title="irradiance [W/m²]", xlabel="x [mm]", ylabel="y [mm]")
 figure.colorbar(shown, ax=axes[0], shrink=0.8)
 limit = float(gradient.abs().max()) * 1e-6
-shown = axes[1].imshow(gradient * 1e-6, origin="lower", extent=millimetres, cmap="RdBu_r", vmin=-limit, vmax=limit)
+shown = axes[1].imshow(gradient * 1e-6, origin="upper", extent=millimetres, cmap="RdBu_r", vmin=-limit, vmax=limit)
 axes[1].set(title="derivative of the pixel [W/m² per um]", xlabel="x [mm]", xlim=(-2, 5), ylim=(-3, 4))
 figure.colorbar(shown, ax=axes[1], shrink=0.8)
 plt.show()

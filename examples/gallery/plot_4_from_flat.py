@@ -34,11 +34,11 @@ print(
 )
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-extent = [-10, 10, -10, 10]
+extent = [-10, 10, 10, -10]
 panels = (measured[1], 1e6 * result.heights_m, 1e6 * (result.heights_m - truth_m))
 titles = ("measured, 530 nm [W/m²]", "recovered heights [um]", "error [um]")
 for axis, panel, title, colours in zip(axes, panels, titles, ("magma", "viridis", "RdBu_r"), strict=True):
-    shown = axis.imshow(panel, origin="lower", extent=extent, cmap=colours)
+    shown = axis.imshow(panel, origin="upper", extent=extent, cmap=colours)
     axis.set(title=title, xlabel="x [mm]")
     figure.colorbar(shown, ax=axis, shrink=0.8)
 plt.show()

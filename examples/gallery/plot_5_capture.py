@@ -38,13 +38,13 @@ errors = height_errors(result.heights_m, truth_m, scene.plate_size_m)
 print(f"RMSE {errors['rmse_um']:.2f} um; flat guess {errors['reference_rms_um']:.1f} um")
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-extent = [-25, 25, -25, 25]
+extent = [-25, 25, 25, -25]
 error_um = 1e6 * (result.heights_m - truth_m)
 panels = (1e3 * result.heights_m, error_um, 1e6 * result.uncertainty_m)
 titles = ("recovered heights [mm]", "error [um]", "its own uncertainty [um]")
 scales = ({"cmap": "viridis"}, {"cmap": "RdBu_r", "vmin": -20, "vmax": 20}, {"cmap": "magma", "vmax": 20})
 for axis, panel, title, scale in zip(axes, panels, titles, scales, strict=True):
-    shown = axis.imshow(panel, origin="lower", extent=extent, **scale)
+    shown = axis.imshow(panel, origin="upper", extent=extent, **scale)
     axis.set(title=title, xlabel="x [mm]")
     figure.colorbar(shown, ax=axis, shrink=0.8)
 plt.show()

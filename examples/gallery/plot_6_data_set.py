@@ -27,8 +27,8 @@ with tempfile.TemporaryDirectory() as folder:
 
 figure, axes = plt.subplots(2, 4, figsize=(10, 5), layout="constrained")
 for column, sample in enumerate(samples):
-    axes[0, column].imshow(1e3 * sample["heights"], origin="lower", cmap="viridis")
-    axes[1, column].imshow(sample["target"][1].float(), origin="lower", cmap="magma", vmin=0, vmax=2.5)
+    axes[0, column].imshow(1e3 * sample["heights"], origin="upper", cmap="viridis")
+    axes[1, column].imshow(sample["target"][1].float(), origin="upper", cmap="magma", vmin=0, vmax=2.5)
 for axis in axes.flat:
     axis.set_axis_off()
 plt.show()

@@ -35,11 +35,11 @@ for name, result in results.items():
 print(f"flat guess: {flat_um:.1f} um")
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-axes[0].imshow(measured.transpose(1, 2, 0).clip(0, 2) / 2, origin="lower")
+axes[0].imshow(measured.transpose(1, 2, 0).clip(0, 2) / 2, origin="upper")
 axes[0].set(title="measured", xticks=[], yticks=[])
 for axis, (name, result) in zip(axes[1:], results.items(), strict=True):
     error_um = 1e6 * (result.heights_m - truth_m)
-    shown = axis.imshow(error_um, origin="lower", extent=[-10, 10, -10, 10], cmap="RdBu_r", vmin=-30, vmax=30)
+    shown = axis.imshow(error_um, origin="upper", extent=[-10, 10, 10, -10], cmap="RdBu_r", vmin=-30, vmax=30)
     axis.set(title=f"{name}: {errors[name]['rmse_um']:.2f} um", xlabel="x [mm]")
 figure.colorbar(shown, ax=axes[1:], label="error [um]", shrink=0.8)
 plt.show()

@@ -61,7 +61,7 @@ axes[0].legend()
 with torch.no_grad():
     shown = (unseen_noisy[0, 1], network(unseen_noisy)[0, 1], unseen_clean[0, 1])
 for axis, panel, title in zip(axes[1:], shown, ("4,000 photons", "denoised", "clean"), strict=True):
-    axis.imshow(panel, origin="lower", cmap="magma", vmin=0, vmax=2.5)
+    axis.imshow(panel, origin="upper", cmap="magma", vmin=0, vmax=2.5)
     axis.set(title=title, xticks=[], yticks=[])
 plt.show()
 

@@ -40,13 +40,13 @@ for name, found in (("good plate", good), ("bad plate", bad)):
     print(f"{name}: {found.verdict}; {'; '.join(found.reasons)}")
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-extent = [-10, 10, -10, 10]
-shown = axes[0].imshow(1e6 * design.relief_m, origin="lower", extent=extent)
+extent = [-10, 10, 10, -10]
+shown = axes[0].imshow(1e6 * design.relief_m, origin="upper", extent=extent)
 axes[0].set(title="design [um]", xlabel="x [mm]")
 figure.colorbar(shown, ax=axes[0], shrink=0.8)
 for axis, name, found in ((axes[1], "good plate", good), (axes[2], "bad plate", bad)):
     deviation_um = 1e6 * found.deviation_m
-    shown = axis.imshow(deviation_um, origin="lower", extent=extent, cmap="RdBu_r", vmin=-120, vmax=120)
+    shown = axis.imshow(deviation_um, origin="upper", extent=extent, cmap="RdBu_r", vmin=-120, vmax=120)
     axis.set(title=f"{name}: {found.verdict}", xlabel="x [mm]")
     for region in found.regions:
         x_mm, y_mm = (1e3 * value for value in region.centre_m)

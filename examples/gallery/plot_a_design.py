@@ -33,12 +33,12 @@ likeness = np.corrcoef(image.ravel(), target.ravel())[0, 1]
 print(f"relief {1e3 * np.ptp(found.heights_m):.2f} mm high, correlation with the picture {likeness:.3f}")
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-extent = [-25, 25, -25, 25]
+extent = [-25, 25, 25, -25]
 panels = (target, image, 1e3 * found.heights_m)
 titles = ("wanted [W/m²]", "caustic of the relief [W/m²]", "relief [mm]")
 scales = ({"cmap": "magma", "vmin": 0, "vmax": target.max()},) * 2 + ({"cmap": "viridis"},)
 for axis, panel, title, scale in zip(axes, panels, titles, scales, strict=True):
-    shown = axis.imshow(panel, origin="lower", extent=extent, **scale)
+    shown = axis.imshow(panel, origin="upper", extent=extent, **scale)
     axis.set(title=title, xlabel="x [mm]")
     figure.colorbar(shown, ax=axis, shrink=0.8)
 plt.show()

@@ -281,8 +281,7 @@ class Direct(Reconstructor):
             counters["losses"] = effects_of(resimulation.simulator.scene)
             reason = "max_time"
             if refined is not None:
-                heights, reason = refined.heights, refined.reason
-                found_at = self.refinement.pixels if refined.is_better else None
+                heights, reason, found_at = refined.heights, refined.reason, refined.found_at
                 history += [
                     entry | {"iteration": len(history) + k + 1, "elapsed_s": entry["elapsed_s"] + timings["network"]}
                     for k, entry in enumerate(refined.history)

@@ -111,7 +111,7 @@ class Iterated(Reconstructor):
         timings = {"iteration": log.elapsed_s}
         told = untreated_warning(light_ratio(resimulation.measurement), self.name, TRAINED_EXPOSURE_ERROR)
         warnings = [*self.network.warnings, *([] if told is None else [told])]
-        counters = dict[str, Any](steps=len(log.history), refinement="off")
+        counters, found_at = dict[str, Any](steps=len(log.history), refinement="off"), None
         if self.options.refine and reason == "max_iterations":
             resimulation = resimulation.through(resimulation.found_camera(heights))
             counters["camera"] = resimulation.camera.record
@@ -119,7 +119,7 @@ class Iterated(Reconstructor):
             after = following(progress, len(log.history), log.started, "refinement, ")
             found = self.refinement(resimulation, heights, timings["iteration"], after)
             if found is not None:
-                heights, reason = found.heights, found.reason
+                heights, reason, found_at = found.heights, found.reason, found.found_at
             counters["refinement"] = outcome(found)
             timings["refinement"] = log.elapsed_s - timings["iteration"]
         return network_result(
@@ -133,6 +133,7 @@ class Iterated(Reconstructor):
             settings=self.options.model_dump() | self.used,
             warnings=warnings,
             iterates=np.stack(steps.iterates) if steps.iterates else None,
+            found_at=found_at,
         )
 
     def _iterate(self, image: CausticImage, initial: FloatArray | None, steps: Steps, log: RunLog) -> StopReason:

@@ -80,12 +80,19 @@ class Refined:
         is_better: whether that is the refinement.
         reason: why it ended.
         history: one entry per step.
+        pixels: per side, at which it was made.
     """
 
     heights: FloatArray
     is_better: bool
     reason: StopReason
     history: list[dict[str, Any]]
+    pixels: int
+
+    @property
+    def found_at(self) -> int | None:
+        """Pixels per side that had a say in the heights; None for all, which a start that stays was compared with."""
+        return self.pixels if self.is_better else None
 
 
 class Refinement:
@@ -156,7 +163,7 @@ class Refinement:
             found = heights + (found - heights) * spread**2 / (spread**2 + trusted**2)
         least_gain = 0.0 if camera.is_perfect else LEAST_GAIN_BESIDE_CAMERA
         is_better = resimulation(found).residual < (1 - least_gain) * before
-        return Refined(found if is_better else heights, is_better, reason, log.history)
+        return Refined(found if is_better else heights, is_better, reason, log.history, self.pixels)
 
 
 def outcome(found: Refined | None) -> str:

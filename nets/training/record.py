@@ -116,8 +116,8 @@ def write_sample(path: Path, sample: Sample, scene: Scene, caption: str) -> npt.
     )
     width, length = (size * 1e3 for size in scene.plate_size_m)
     for axes, (title, array, options, label) in zip(figure.subplots(1, 4), panels, strict=True):
-        # Row grows with +y.
-        drawn = axes.imshow(array, origin="lower", extent=(-width / 2, width / 2, -length / 2, length / 2), **options)
+        # Row 0 on top, as a photo viewer shows it.
+        drawn = axes.imshow(array, origin="upper", extent=(-width / 2, width / 2, length / 2, -length / 2), **options)
         axes.set(title=title, xlabel="x [mm]")
         figure.colorbar(drawn, ax=axes, label=label, shrink=0.8)
     figure.suptitle(caption)

@@ -1,9 +1,13 @@
 """The benchmark of coverage and warnings: what counts as wrong, flagged and covered."""
 
+import json
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from benchmarks.trusted import OF_BENCH, OF_HEIGHTS, is_wrong, plates, summary
+from benchmarks.trusted import OF_BENCH, OF_HEIGHTS, constants, is_wrong, plates, summary
 from warp_caustics.found_bench.rest_causes import Cause, RestCauses
 
 
@@ -34,6 +38,27 @@ def test_its_words_are_those_of_the_warnings():
     (of_bench,) = RestCauses(rest, (Cause("screen_x_m", "moved", 1e-4, 1e-5, is_bench=True),)).warnings()
     (of_heights,) = RestCauses(rest, (), 9.0).warnings()
     assert OF_BENCH in of_bench and OF_HEIGHTS in of_heights
+
+
+STORED = json.loads(Path("benchmarks/trusted.json").read_text())
+
+
+def test_stored_coverage_is_of_the_constants_that_ship():
+    """A factor, floor or share of another size has to be measured, and told on the page."""
+    assert {file: pytest.approx(values) for file, values in STORED["constants"].items()} == constants()
+    text = " ".join(Path("docs/trust.md").read_text().split())
+    pattern = r"k = ([\d.]+), c = ([\d.]+) for the scene's own network, ([\d.]+), ([\d.]+) and a floor f of ([\d.]+) um"
+    own, told = constants().values()
+    wanted = own["scale"], own["shared"], told["scale"], told["shared"], told["floor_um"]
+    assert [float(value) for value in re.search(pattern, text).groups()] == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("network", ["direct.safetensors", "direct-family.safetensors"])
+def test_benches_told_nearly_are_covered_on_relief(network):
+    """Plates that the constants were not fitted to: 68 and 95 % of a normal distribution, within what few plates tell."""
+    rows = [row for row in STORED["rows"] if row["row"] in ("nothing", "careful") and row["network"] == network]
+    covered = np.mean([row["within_relief"] for row in rows], axis=0)
+    assert len(rows) >= 2 and 0.6 < covered[0] < 0.95 and covered[1] > 0.9, covered
 
 
 @pytest.mark.slow

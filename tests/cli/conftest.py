@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.quick_figures import full_figures, quick_figures
+from tests.upright import any_way_up, upright_only
 from warp_caustics.prints.line import Line, line_relief
 
-__all__ = ["full_figures", "inputs", "quick_figures", "relief"]
+__all__ = ["any_way_up", "full_figures", "inputs", "quick_figures", "relief", "upright_only"]
 
 
 @pytest.fixture(scope="session")

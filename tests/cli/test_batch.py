@@ -171,6 +171,7 @@ def test_equal_names_are_refused(fake, images, tmp_path, capsys):
     shutil.copy(images / "a.tif", tmp_path / "more" / "a.tif")
     assert batch(images / "a.tif", tmp_path / "more" / "a.tif", "-o", tmp_path / "out") == 3
     assert "would both go to the folder 'a'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_counts_as_a_batch(images, tmp_path, monkeypatch):

@@ -140,13 +140,20 @@ def test_a_calibration_goes_on_from_another(bench_folder, found, tmp_path, capsy
         (["x.tif"], "0 plates for 1 captures; give --plate once for each"),
         (["x.tif", "--plate", "flat", "--noise", "0"], "--noise 0 is not above 0"),
         (["x.tif", "--plate", "flat", "--finest", "8"], "is too small"),
-        (["x.tif", "--plate", "flat", "--prior", "gap_m"], "is not NAME=NUMBER"),
         (["x.tif", "--plate", "flat", "--bench", "none.yaml"], "'none.yaml' does not exist"),
     ],
 )
 def test_wrong_usage_is_told(arguments, message, capsys, tmp_path):
     assert main(["calibrate", *arguments, "-o", str(tmp_path / "out")]) == 3
     assert message in capsys.readouterr().err
+
+
+def test_a_prior_that_is_no_number_is_told(capsys, tmp_path):
+    arguments = ["x.tif", "--plate", "flat", "-o", str(tmp_path / "out"), "--prior"]
+    assert main(["calibrate", *arguments, "gap_m"]) == 2
+    assert (
+        "Invalid value for --prior: 'gap_m' is not NAME=NUMBER; write for example gap_m=5um" in capsys.readouterr().err
+    )
 
 
 def test_other_files_are_no_bench(tmp_path, capsys):

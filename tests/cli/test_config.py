@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from cli.config import Config, config_path, dataset_config, dump_config, load_config, shipped_configs
+from cli.main import main
 from data_gen.config import RasterConfig, ReliefConfig, RingsConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER
 from warp_caustics.errors import InputError
@@ -258,3 +259,18 @@ def test_what_is_off_is_not_in_the_fingerprint():
     for field in LATER_FIELDS:
         tree["scene"].pop(field)
     assert Config().fingerprint() == hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("scene.base_thickness_m=3", "did you mean 0.003 (3 mm)?"),
+        ("scene.base_thickness_m=1e9", "1e+09 m is not between 0 (exclusive) and 1 m; give metres"),
+        ("scene.wavelengths_m=610nm", "give a list, as [1, 2, 3], of one value too: [1]"),
+    ],
+)
+def test_a_mend_is_one_that_would_be_taken(setting, told, capsys):
+    """No length is guessed that is wrong as well; a single value is told to be a list."""
+    assert main(["config", "show", "--set", setting]) == 3
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1

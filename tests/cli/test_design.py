@@ -234,7 +234,7 @@ def test_pictures_of_no_use_end_in_one_line(tmp_path, capsys, name, picture, rea
         (["--floor", "nan"], 2, "not a finite number"),
         (["--margin", "3cm"], 3, "margin 0.03"),
         (["--smoothness", "-1"], 3, "smoothness"),
-        (["--max-iterations", "0"], 3, "max_iterations"),
+        (["--max-iterations", "0"], 2, "'--max-iterations': '0' is not at least 1"),
         (["--set", "scene.emission_half_angle_rad=0.1"], 3, "collimated"),
         (["--device", "tpu"], 3, "tpu"),
     ],

@@ -3,7 +3,7 @@
 import click
 import pytest
 
-from cli.options import length, plate_length
+from cli.options import count, length, named_number, plate_length, seconds
 
 LENGTHS = [("50um", 5e-5), ("0.05mm", 5e-5), ("5e-5", 5e-5), ("50 \N{MICRO SIGN}m", 5e-5), ("1cm", 1e-2), ("0", 0.0)]
 
@@ -24,3 +24,32 @@ def test_lengths_on_a_plate_are_below_a_metre():
     for text in ("-1um", "1m", "50"):
         with pytest.raises(click.BadParameter, match="not between 0 and 1 m; give a unit such as um"):
             plate_length(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("gap_m=5um", 5e-6), ("gap_m = 1e-4", 1e-4), ("vergence_per_m=0.3", 0.3), ("tilt_x_rad=1e-3", 1e-3)],
+)
+def test_numbers_of_a_set_up_take_the_unit_of_a_length(text, value):
+    assert named_number(text, "--prior") == (text.partition("=")[0].strip(), pytest.approx(value))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gap_m", "is not NAME=NUMBER; write for example gap_m=5um"),
+        ("gap_m=wide", "gap_m: 'wide' is no length; write 50um"),
+        ("vergence_per_m=3mm", "vergence_per_m: '3mm' is not a finite number"),
+    ],
+)
+def test_a_number_of_a_set_up_that_is_none_is_named(text, message):
+    with pytest.raises(click.BadParameter) as caught:
+        named_number(text, "--prior")
+    assert message in caught.value.message and caught.value.param_hint == "--prior"
+
+
+@pytest.mark.parametrize(("option", "text"), [(count, "0"), (count, "-1"), (seconds, "0"), (seconds, "-5")])
+def test_nothing_is_no_number_of_steps_nor_a_time(option, text):
+    with pytest.raises(click.BadParameter, match="at least 1|is no time"):
+        option(text)
+    assert option("1e2") == 100

@@ -47,11 +47,11 @@ def test_input_and_simulation_share_their_scale(panels):
     assert simulated[10, 10, 0] == pytest.approx(0.25 ** (1 / 2.2))
 
 
-def test_heights_are_micrometres_on_millimetres_with_y_up(panels):
+def test_heights_are_micrometres_on_millimetres_with_row_0_on_top(panels):
     heights = panels[2]
     assert heights.get_array()[-1, 0] == pytest.approx(1000)
-    assert heights.get_extent() == [-20.0, 20.0, -10.0, 10.0]
-    assert heights.origin == "lower"
+    assert heights.get_extent() == [-20.0, 20.0, 10.0, -10.0]
+    assert heights.origin == "upper"
     assert heights.colorbar.ax.get_ylabel() == "height [um]"
 
 

@@ -81,10 +81,11 @@ def test_trust_comes_first_and_says_the_same_everywhere(inputs, tmp_path, capsys
     record = json.loads((out / "result.json").read_text())
     line = record["trust"]["line"]
     assert next(iter(record)) == "trust" and record["trust"]["noise_source"] in ("given", "estimated")
-    if record["trust"]["pixels"] is None:
-        assert record["trust"]["left"] == pytest.approx(record["residual"])
+    assert record["trust"]["left_at_all"] == pytest.approx(record["residual"])
     assert lines[0] == f"trust      {line}"
-    at_all = "" if record["trust"]["pixels"] is None else " at all 128 pixels"
+    floor = f"{record['trust']['floor_at_all']:.2g}"
+    is_all = record["trust"]["pixels"] is None
+    at_all = "" if is_all else f" at all 128 pixels, where noise and simulation leave {floor}"
     assert f"residual   {record['residual']:.4g} of the image{at_all}" in lines
     assert f"uncertain  none, because {record['no_uncertainty']}" in lines and record["uncertainty"] is None
     page = (out / "report.html").read_text()
@@ -239,8 +240,8 @@ def test_bad_images_end_in_one_line_and_no_output(inputs, tmp_path, capsys, kind
         (["--set", "reconstruction.metod=x"], 3, "did you mean 'method'"),
         (["--wavelength-order", "610,530"], 3, "wavelength"),
         (["--wavelength-order", "650,530,430"], 5, "wavelength"),
-        (["--max-iterations", "0"], 3, "max_iterations"),
-        (["--max-time", "0"], 3, "max_time_s"),
+        (["--max-iterations", "0"], 2, "'--max-iterations': '0' is not at least 1"),
+        (["--max-time", "0"], 2, "'--max-time': '0' s is no time"),
         (["--set", "reconstruction.options.max_iteration=5"], 3, "max_iteration"),
         (["--method", "magic"], 3, "refine"),
         (["--page", "3"], 3, "page"),

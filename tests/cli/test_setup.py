@@ -72,7 +72,7 @@ def test_numbers_of_lines_may_be_unknown(lines, relief, capsys):
         (["--noise", "0"], 3, "--noise 0 is not above 0: without noise an image tells everything; 0.01 is usual"),
         (["--noise", "nan"], 2, "not a finite number"),
         (["--border", "16"], 3, "--border 16 leaves nothing of 32 pixels"),
-        (["--prior", "gap_m"], 2, "'gap_m' is not NAME=WIDTH"),
+        (["--prior", "gap_m"], 2, "'gap_m' is not NAME=NUMBER"),
         (["--prior", "gap_m=0"], 3, "prior width of gap_m 0 is not above 0"),
         (["--unknown-heights", "many"], 2, "'many' is neither a number nor lines"),
         (["--unknown-heights", "99"], 3, "grid of 99 x 99 heights is not between 1 and 32"),

@@ -119,8 +119,8 @@ def test_the_record_is_complete(name, plain, scene):
     spread = result.uncertainty_m
     assert (spread is None) == bool(result.no_uncertainty)
     assert result.trust is not None
-    if result.trust.pixels is None:
-        assert result.trust.left == pytest.approx(result.residual, rel=1e-6)
+    assert result.trust.left_at_all == pytest.approx(result.residual, rel=1e-6), "whatever pixels were judged"
+    assert result.trust.pixels is not None or result.trust.left == result.trust.left_at_all
     assert result.trust.line.startswith(("explained ", "not explained: "))
     assert "\n" not in result.trust.line + result.no_uncertainty
     assert spread is None or (spread.shape == (n, n) and np.isfinite(spread).all() and (spread >= 0).all())

@@ -1,6 +1,7 @@
 """Samples are what their configuration and number say, and nothing else."""
 
 import numpy as np
+import pydantic
 import pytest
 import torch
 
@@ -9,6 +10,7 @@ from data_gen.samples import Images, Reliefs, make_sampler
 from data_gen.testset import DEVELOPMENT_FIELDS, field_heights, field_images, fields_config
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError
+from warp_caustics.scene import validation_lines
 
 SCENE = Scene(height_samples=16, image_pixels=48)
 FEW = PhotonConfig(preset="paper", n_photons=4000)
@@ -131,3 +133,11 @@ def test_test_images_are_reproducible_and_noisy():
     clean, noisy, again = (field_images(SCENE, noise_std=s, photons=photons) for s in (0.0, 0.01, 0.01))
     np.testing.assert_array_equal(noisy, again)
     assert np.std(noisy - clean) == pytest.approx(0.01, rel=0.02)
+
+
+def test_a_wrong_number_of_samples_is_told_alone():
+    """What would have followed from it is no error of its own."""
+    with pytest.raises(pydantic.ValidationError) as caught:
+        DatasetConfig(kind="updater", n_samples=-1)
+    (line,) = validation_lines(caught.value)
+    assert line.startswith("n_samples: ") and "PydanticUndefined" not in line

@@ -9,8 +9,9 @@ import pytest
 
 from tests.docs.pages import DOCS, NSFC, ROOT, SHELL, ids
 from tests.quick_figures import quick_figures
+from tests.upright import upright_only
 
-__all__ = ["quick_figures"]
+__all__ = ["quick_figures", "upright_only"]
 
 SMALL = ("--set", "scene.height_samples=32", "--set", "scene.image_pixels=64")
 

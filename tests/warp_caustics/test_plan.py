@@ -75,7 +75,9 @@ def test_advice_has_every_topic_and_plain_numbers():
     assert 0 < found.flat_level < 1 and np.isfinite(found.farthest_shift_m)
 
 
-@pytest.mark.parametrize(("width_m", "height_m"), [(0, 1e-4), (2.0, 1e-4), (1e-3, -1e-4), (math.nan, 1e-4)])
+@pytest.mark.parametrize(
+    ("width_m", "height_m"), [(0, 1e-4), (2.0, 1e-4), (1e-3, -1e-4), (math.nan, 1e-4), (1e-300, 1e-4)]
+)
 def test_what_is_no_fibre_is_refused(width_m, height_m):
-    with pytest.raises(InputError, match=r"not between 0 and 0\.1 m"):
+    with pytest.raises(InputError, match=r"not between 1e-07 and 0\.1 m"):
         Fibre(width_m, height_m)

@@ -22,7 +22,11 @@ SMALLEST_CELLS = 5
 two cells, so that a single wrong one looks like up to four."""
 SPIKE_LIMITS = 5.0
 """A deviation that is certainly so many times the largest one allowed is out of tolerance, however small its part of
-the plate is: errors of the measurement are not as high as that and as small."""
+the plate is: errors of the measurement are not as high as that and as small. One that is so many times too large, but
+not certainly, is undecided whatever its area."""
+MOST_SPECKS = 0.005
+"""Share of the judged plate that parts too small to be judged may cover together: beyond it they are undecided. Errors
+of the measurement are few where it is certain of itself."""
 BARE_M = 1e-6
 """A nominal height up to which the plate is bare [m]."""
 FEWEST_BARE = 0.02
@@ -37,8 +41,8 @@ class Zones:
         out: certainly out of tolerance.
         undecided: beyond tolerance or not, the uncertainty does not tell.
         limit_m: largest vertical deviation allowed [m].
-        specks: certainly out of tolerance, but in parts too small to be told from errors of the measurement, and none
-            of them a spike; not judged.
+        specks: beyond tolerance, but in parts too small to be told from errors of the measurement, and none of them a
+            spike; not judged, but where they are many, undecided as well.
     """
 
     out: BoolArray
@@ -102,7 +106,9 @@ def zones(
     A cell is out where |deviation| - k sigma exceeds the limit; it is undecided where |deviation| exceeds the
     limit but not by k sigma, or where k sigma exceeds it, so that an error as large as the limit could hide.
     Connected parts of fewer than ``smallest_cells`` are dropped, unless |deviation| - k sigma exceeds
-    ``SPIKE_LIMITS`` times the limit somewhere in them. Where the uncertainty is no number, nothing is certain.
+    ``SPIKE_LIMITS`` times the limit somewhere in them, or, of undecided ones, |deviation| does. Where those that are
+    dropped cover more than ``MOST_SPECKS`` of the plate, they are undecided. Where the uncertainty is no number, or
+    below 0, nothing is certain.
 
     Args:
         deviation_m: measured minus nominal, level removed [m], shape [n, n].
@@ -114,15 +120,21 @@ def zones(
     """
     if not mask.any():
         raise InputError("the mask leaves nothing of the plate to judge; mark the judged part with values other than 0")
-    sigma = np.zeros_like(limit_m) if sigma_m is None else np.where(np.isfinite(sigma_m), sigma_m, np.inf)
+    sigma = np.zeros_like(limit_m)
+    if sigma_m is not None:
+        sigma = np.where(np.isfinite(sigma_m) & (sigma_m >= 0), sigma_m, np.inf)
     size = np.abs(deviation_m)
     certain = size - coverage * sigma
     beyond = mask & (size > limit_m)
     wholly_out = mask & (certain > limit_m)
     out = without_specks(wholly_out, smallest_cells, spikes=mask & (certain > SPIKE_LIMITS * limit_m))
     blind = mask & (coverage * sigma > limit_m)
-    undecided = without_specks((beyond | blind) & ~out, smallest_cells)
-    return Zones(out, undecided, limit_m, wholly_out & ~out & ~undecided)
+    far = mask & (size > SPIKE_LIMITS * limit_m)
+    undecided = without_specks((beyond | blind) & ~out, smallest_cells, spikes=far & ~out)
+    specks = beyond & ~out & ~undecided
+    if specks.sum() > MOST_SPECKS * mask.sum():
+        undecided = undecided | specks
+    return Zones(out, undecided, limit_m, specks)
 
 
 def without_specks(marked: BoolArray, smallest_cells: int, spikes: BoolArray | None = None) -> BoolArray:

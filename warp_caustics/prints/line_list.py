@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from warp_caustics.errors import InputError
+from warp_caustics.errors import InputError, shortened
 from warp_caustics.io.atomic import PathLike, atomic_path, reason, regular_file
 from warp_caustics.io.yaml_file import MAX_YAML_BYTES, parsed_yaml
 from warp_caustics.prints.design_words import number_of, word_of
@@ -96,6 +96,8 @@ def _csv_rows(text: str, name: str) -> list[tuple[str, Mapping[str, Any]]]:
     if not filled:
         return []
     header = [cell.strip() for cell in filled[0][1]]
+    if len(header) == 1 and (other := next((mark for mark in ";\t" if mark in header[0]), None)) is not None:
+        raise InputError(f"{name} separates its columns by {other!r}; use ',', and a point in numbers, as in 1.5")
     twice = next((column for column in header if header.count(column) > 1), None)
     if twice is not None:
         raise InputError(f"{name}, row {filled[0][0]}: column {twice!r} is given twice; keep one")
@@ -133,13 +135,16 @@ def _line(row: Mapping[str, Any], where: str) -> Line:
             if word_of(str(column)) is not None:
                 raise InputError(f"{where}: {_IS_DESIGN.format(word=column)}")
             raise InputError(
-                f"{where}: column {str(column)!r} is not known; use {', '.join(QUANTITIES)}, each with _m, _mm or _um"
+                f"{where}: column {shortened(str(column))!r} is not known; use {', '.join(QUANTITIES)}, each with _m, "
+                "_mm or _um"
             )
         if quantity in values:
             raise InputError(f"{where}: {quantity} is given twice; keep one unit")
         number = number_of(value)
         if not math.isfinite(number):
-            raise InputError(f"{where}: {column} is {value!r}, not a finite number; write for example 1.5")
+            raise InputError(
+                f"{where}: {column} is {shortened(repr(value))}, not a finite number; write for example 1.5"
+            )
         values[quantity] = number * UNITS_M[unit]
     missing = [quantity for quantity in QUANTITIES if quantity not in values]
     if missing:

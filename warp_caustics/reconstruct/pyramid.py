@@ -139,6 +139,17 @@ def usual_pixels(scene: Scene) -> int:
     return pixels
 
 
+def judged_pixels(scene: Scene, found_at: int | None) -> int:
+    """Pixels per side at which heights are judged that were found with so many; None for all.
+
+    At no fewer than there are heights, where the image has them: with fewer, wrong heights explain the image, too.
+    """
+    pixels = found_at or scene.image_pixels
+    while pixels < scene.height_samples and scene.image_pixels % (2 * pixels) == 0:
+        pixels *= 2
+    return pixels if pixels >= scene.height_samples else scene.image_pixels
+
+
 def level_sizes(image_pixels: int, coarsest: int, finest: int) -> list[int]:
     """Image sizes from coarse to fine: finest, finest / 2, ... while whole and at least coarsest."""
     if not 1 <= finest <= image_pixels or image_pixels % finest:

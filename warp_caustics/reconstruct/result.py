@@ -1,6 +1,7 @@
 """The result of a reconstruction: its caustic simulated again, what that leaves of the image, and where light went."""
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
 from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
 from warp_caustics.reconstruct.objective import Measurement
-from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
+from warp_caustics.reconstruct.pyramid import judged_pixels, measurement_at, simulator_at
 from warp_caustics.reconstruct.rest import Rest
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
@@ -86,6 +87,7 @@ class Resimulation:
         Args:
             heights: [m], shape [n, n].
             found_at: pixels per side of the image that they were found with, which divide the image's; None for all.
+                They are judged there, but by no fewer than there are heights.
         """
         plain = self._trust(heights, found_at)
         if plain.is_explained is not False or not self.camera.is_perfect:
@@ -99,9 +101,11 @@ class Resimulation:
     def _trust(self, heights: FloatArray, found_at: int | None) -> Trust:
         scene = self.simulator.scene
         source = "estimated" if self.measurement.noise is None else "given"
-        measurement, both = self._judged(heights, found_at)
-        of_pixels = scene.image_pixels if (found_at or scene.image_pixels) < scene.image_pixels else None
-        return image_trust(measurement, both, source, lambda: fold_fraction(heights, scene), of_pixels)
+        folded = functools.partial(fold_fraction, heights, scene)
+        if judged_pixels(scene, found_at) == scene.image_pixels:
+            return image_trust(*self._judged(heights, None), source, folded)
+        found = image_trust(*self._judged(heights, found_at), source, folded, scene.image_pixels)
+        return found.beside(image_trust(*self._judged(heights, None), source))
 
     def rest(self, heights: FloatArray, found_at: int | None = None) -> Rest | None:
         """What a relief leaves of the image; arguments as of :meth:`trust`. None where its noise cannot be told."""
@@ -118,7 +122,7 @@ class Resimulation:
             deviation: standard [m], same shape.
             found_at: as of :meth:`trust`.
         """
-        pixels, generator = found_at or self.simulator.scene.image_pixels, np.random.default_rng(0)
+        pixels, generator = judged_pixels(self.simulator.scene, found_at), np.random.default_rng(0)
         weight = measurement_at(self.image, self.simulator.scene, pixels, self.simulator.device).weight
         true, total = self._seen_at(heights, pixels), 0.0
         for _ in range(2):
@@ -132,7 +136,7 @@ class Resimulation:
         image, scene = self.image, self.simulator.scene
         if self.measurement.noise is None:
             image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
-        pixels = found_at or scene.image_pixels
+        pixels = judged_pixels(scene, found_at)
         measurement = measurement_at(image, scene, pixels, self.simulator.device)
         seen = self._by_camera(self._simulated(heights))
         if pixels == scene.image_pixels:

@@ -5,8 +5,10 @@ A relative residual alone says little: photon noise may leave 20 % of a dim imag
 simulation's own error, told by one with half as many photons, comes on top. Both are asked of the whole image and of
 each part of it, where a missing line does not drown in the noise of all the rest.
 
-A method that found its heights on a coarser image is judged there, by means over those pixels. Finer ones have had no
-say; and what its coarse simulation does otherwise than the fine one, averaged, it cannot but leave, even of the truth.
+A method that found its heights on a coarser image is judged there, by means over those pixels: all of the image, in
+larger ones, and no fewer than heights (:func:`~warp_caustics.reconstruct.pyramid.judged_pixels`). Finer ones have had
+no say; and what its coarse simulation does otherwise than the fine one, averaged, it cannot but leave, even of the
+truth. What is left of all pixels, and what noise and simulation leave of those, is told beside it.
 
 That an image is explained does not make the heights right: where light paths cross, several reliefs explain it.
 """
@@ -52,6 +54,8 @@ class Trust:
         is_beyond_relief: whether heights may be wrong by more than the relief.
         noise_source: ``"given"`` with the image, ``"estimated"`` from it, or ``"unknown"``.
         pixels: per side, where the image was judged at fewer than it has; None at all of them.
+        left_at_all: residual of all pixels; that of :attr:`left` where all were judged.
+        floor_at_all: what noise and simulation leave of all pixels; None where the noise is unknown.
     """
 
     line: str
@@ -64,6 +68,17 @@ class Trust:
     noise_source: str
     is_beyond_relief: bool = False
     pixels: int | None = None
+    left_at_all: float = math.nan
+    floor_at_all: float | None = None
+
+    @property
+    def floor(self) -> float | None:
+        """What noise and simulation leave of the judged pixels; None where the noise is unknown."""
+        return None if self.noise is None else math.hypot(self.noise, self.simulation)
+
+    def beside(self, whole: "Trust") -> "Trust":
+        """The same with what is left of all pixels, from the judgement of those."""
+        return replace(self, left_at_all=whole.left, floor_at_all=whole.floor)
 
 
 class Seen(NamedTuple):
@@ -101,7 +116,7 @@ def image_trust(
     flat = float(((1 - measurement.irradiance).double() * weight).norm()) / light
     if measurement.noise is None:
         line = f"not judged: {_percent(residual)} of the image left{at}, and the noise of the image is not known"
-        return Trust(line, None, residual, None, simulation, flat, None, "unknown", pixels=pixels)
+        return Trust(line, None, residual, None, simulation, flat, None, "unknown", False, pixels, residual)
     expected = (measurement.noise.double() * weight) ** 2
     noise = math.sqrt(float(expected.sum())) / light
     # Shot noise in bright parts, that of the camera in dark ones: the larger counts where a part is judged alone.
@@ -124,10 +139,12 @@ def image_trust(
         line = f"explained but for {_percent(places)} of its area: {told}; heights may be wrong there"
     else:
         line = (
-            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or set-up and camera "
-            "(blur) are not as described"
+            f"explained in part: {told}, a flat plate {_percent(flat)}; heights err in places, or all of "
+            "them, where set-up or camera (blur) are not as described"
         )
-    return Trust(line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond, pixels)
+    return Trust(
+        line, is_explained, residual, noise, simulation, flat, places, noise_source, is_beyond, pixels, residual, floor
+    )
 
 
 def seen_by_camera(seen: Trust, blur_px: float, apart_px: float) -> Trust | None:

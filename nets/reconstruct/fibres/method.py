@@ -240,21 +240,17 @@ class _Run:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
         method, answer, timings, is_noise_left = self.method, self.answer, self.timings, self.is_noise_left
         heights, fibres, view, counters = answer.heights_m, None, self.told, dict(self.counters)
+        found_at = None
         if self.takes_lines:
             view, fibres = self.view, self.lines.numpy()
             heights, counters["explained_by"] = view.relief(self.lines), "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
             refined = self._refined(view, heights)
-            heights, counters["refinement"] = refined.heights, refined.outcome
+            heights, counters["refinement"], found_at = refined.heights, refined.outcome, refined.found_at
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["camera"] = view.resimulation.camera.record
         counters["discrepancy"] = left = view.discrepancy(heights)
         warnings = list(answer.warnings)
-        if left is not None and not is_explained(left):
-            warnings.append(
-                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
-                "which the difference of the images shows"
-            )
         if view is not self.told:
             record = bench_record(self.numbers, self.bench)
             counters |= {
@@ -272,20 +268,30 @@ class _Run:
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
-            uncertainty=self._uncertainty(view, heights, is_noise_left),
+            uncertainty=self._uncertainty(view, heights, is_noise_left, found_at),
             no_uncertainty=answer.no_uncertainty,
+            found_at=found_at,
         )
+        if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
+            told = (
+                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
+                "which the difference of the images shows"
+            )
+            result = dataclasses.replace(result, warnings=(*result.warnings, told))
         if view is not self.told:
             measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
             result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
         return dataclasses.replace(result, fibres_m=fibres)
 
-    def _uncertainty(self, view: LinesView, heights: FloatArray, is_noise_left: bool) -> FloatArray | None:
+    def _uncertainty(
+        self, view: LinesView, heights: FloatArray, is_noise_left: bool, found_at: int | None
+    ) -> FloatArray | None:
         """That of the network and of what is left, or of lines that leave nothing but noise, [m], shape [n, n]."""
         found = self.answer.uncertainty_m
         if found is None:
             return None
-        rest = None if is_noise_left or not self.method.options.causes else view.resimulation.rest(heights)
+        is_asked = self.method.options.causes and not is_noise_left
+        rest = view.resimulation.rest(heights, found_at) if is_asked else None
         if rest is not None:
             found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
         if is_noise_left:
@@ -386,7 +392,7 @@ class _Run:
         """A relief after the steps that ``direct`` ends with."""
         resimulation = view.resimulation
         if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
-            return _Refined(heights, resimulation(heights).residual, "interrupted")
+            return _Refined(heights, None, "interrupted")
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
         elapsed = self.log.elapsed_s
         before = len(self.log.history) + self.refined
@@ -401,13 +407,13 @@ class _Run:
         elif found.reason in ("interrupted", "max_time"):
             self.reason = found.reason
         better = heights if found is None else found.heights
-        return _Refined(better, resimulation(better).residual, outcome(found))
+        return _Refined(better, None if found is None else found.found_at, outcome(found))
 
 
 @dataclass(frozen=True)
 class _Refined:
-    """A refined relief [m], shape [n, n], its residual over all pixels, and what became of the refinement."""
+    """A refined relief [m], shape [n, n], pixels per side that had a say in it, and what became of the refinement."""
 
     heights: FloatArray
-    residual: float
+    found_at: int | None
     outcome: str

@@ -58,7 +58,7 @@ POINT = """
 var root = document.documentElement, map = document.getElementById("map-height"), slider = document.getElementById("column");
 function at(x, y) {
   var pad = map.querySelector(".nsewdrag"), box = pad.getBoundingClientRect();
-  pad.dispatchEvent(new MouseEvent("mousemove", {bubbles: true, clientX: box.left + x * box.width, clientY: box.top + (1 - y) * box.height}));
+  pad.dispatchEvent(new MouseEvent("mousemove", {bubbles: true, clientX: box.left + x * box.width, clientY: box.top + y * box.height}));
 }
 function line(id) { return Array.from(document.getElementById(id).data.find(function (one) { return one.name === "recovered"; }).y); }
 // What is expected is waited for, what must not happen is given time to.

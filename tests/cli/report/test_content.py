@@ -96,10 +96,12 @@ def test_what_cannot_be_told_is_said(content):
 
 def test_two_shares_of_the_image_say_what_pixels_they_are_of(content):
     """The line of trust judges at 32 pixels, the residual is of all 64: neither is taken for the other."""
-    judged = content.record | {"trust": {"line": "explained within noise: 0.5 % of the image left", "pixels": 32}}
+    judged = content.record | {
+        "trust": {"line": "explained within noise: 0.5 % of the image left", "pixels": 32, "floor_at_all": 0.0123}
+    }
     text = Page(report_text(dataclasses.replace(content, record=judged, inspection=None))).text
     assert "its caustic differs from the image by 1.23 %, at all 64 pixels" in text
-    assert "at all 64 pixels; the line above judges at 32" in text
+    assert "at all 64 pixels; the line above judges at 32; noise and simulation leave 1.23 % of all" in text
     assert "at all 64 pixels" not in Page(report_text(dataclasses.replace(content, inspection=None))).text
 
 
@@ -186,13 +188,23 @@ def test_plotly_stands_between_tags_once(content):
     assert text.count("</script>") == 4
 
 
-def test_pictures_show_row_0_below(content):
-    """Light from below to above, and the height map's palette, both as plots with their origin at the bottom."""
+def test_pictures_show_row_0_on_top(content):
+    """Light that grows with the row grows downwards, as a photo viewer shows the image's file."""
     rising = np.repeat(np.linspace(0.1, 2, 64)[None, :, None], 64, axis=2).repeat(3, axis=0)
     page = Page(report_text(dataclasses.replace(content, measured=rising, simulated=rising, stages=())))
     (measured,) = [attrs["href"] for tag, attrs in page.tags if tag == "image" and attrs["href"][11:15] == "jpeg"][1:2]
     codes = np.asarray(picture(measured).convert("L")).astype(float).mean(axis=1)
-    assert codes[0] > 200 > 100 > codes[-1]
+    assert codes[0] < 100 < 200 < codes[-1]
+
+
+def test_maps_show_row_0_on_top(bare):
+    """The picture without JavaScript, and its axis."""
+    heights = np.zeros((32, 32))
+    heights[:4] = 1e-3
+    page = Page(report_text(dataclasses.replace(bare, heights_m=heights)))
+    (shown,) = [attrs["href"] for tag, attrs in page.tags if tag == "image" and attrs["href"][11:14] == "png"][:1]
+    light = np.asarray(picture(shown).convert("L")).astype(float).mean(axis=1)
+    assert light[:4].min() > light[4:].max() + 50
 
 
 @pytest.mark.parametrize("count", [1, 2, 31])

@@ -78,7 +78,7 @@ def test_frame_has_the_plates_shape():
     x, y, width, height = frame.area
     assert width == 2 * height
     (box,) = frame.boxes
-    assert (box.x, box.y + box.height) == pytest.approx((x, y + height))
+    assert (box.x, box.y) == pytest.approx((x, y)), "lowest y on top"
     assert (box.width, box.height) == pytest.approx((width / 2, height / 2))
     assert [text for _, text in frame.x_ticks] == ["-20", "-10", "0", "10", "20"]
 

@@ -251,7 +251,8 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     wrong = 2e-5 * torch.randn(8, n, n, generator=generator) * (truth > 1e-5)
     copies = iter((seen_in(truth, all_symmetries(fine)) + wrong).split(SYMMETRIES_AT_ONCE["cpu"]))
     monkeypatch.setattr(answers_module, "Replayed", lambda module: lambda images: next(copies))
-    result = create("fibres", fine, weights=saved("direct", scene=fine), refine_pixels=2 * n).reconstruct(image)
+    options = {"refine_pixels": 2 * n, "bench_uncertainty": False}  # which would cover what the lines do not
+    result = create("fibres", fine, weights=saved("direct", scene=fine), **options).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
     assert float(sigma.min()) == pytest.approx(0.3e-6) and 1e-6 < float(sigma.max()) < 1e-5
@@ -263,10 +264,12 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
 def test_what_is_left_of_the_image_is_told(model, image, answering):
     """One line too few may be used: more than noise is left."""
     truth = model.heights(LINES[:2]).double().numpy()
-    method = answering(truth, most_lines=2, jumps=0, max_iterations=10, refine_iterations=2, refine_pixels=2 * N)
+    method = answering(truth, most_lines=2, jumps=0, max_iterations=10, refine_iterations=30, refine_pixels=2 * N)
     result = method.reconstruct(image)
     assert result.counters["discrepancy"] > 2
     assert any("times its noise" in warning for warning in result.warnings)
+    assert result.counters["refinement"] == "kept" and result.trust.pixels == 2 * N, "as of every method"
+    assert not result.trust.is_explained and result.trust.left_at_all == pytest.approx(result.residual, rel=1e-6)
 
 
 def test_nothing_printed(answering):

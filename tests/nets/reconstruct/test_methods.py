@@ -157,6 +157,21 @@ def test_refinement_never_raises_the_residual(made, image):
     np.testing.assert_array_equal(kept.heights_m, plain.heights_m)
 
 
+@pytest.mark.parametrize(("name", "symmetries"), [("direct", False), ("nsfc-unrolled", False), ("nsfc", None)])
+def test_what_was_refined_at_fewer_pixels_is_judged_there_by_every_method(made, scene, image, name, symmetries):
+    """And at all pixels where the refinement was not kept."""
+    options = {"refine": True, "refine_iterations": 30, "refine_step_m": 5e-5, "refine_pixels": scene.image_pixels // 2}
+    more = {"max_iterations": 1, "photons": "lattice"} if symmetries is None else {"symmetries": symmetries}
+    result = made(name, **options, **more).reconstruct(image)
+    assert result.counters["refinement"] == "kept"
+    assert result.trust.pixels == scene.image_pixels // 2 and "pixels, noise and simulation leave" in result.trust.line
+    assert result.trust.left_at_all == pytest.approx(result.residual, rel=1e-6)
+    ruined = made(name, **options | {"refine_iterations": 1, "refine_step_m": 1e-4}, **more)
+    best = dataclasses.replace(image, irradiance=made(name, refine=False, **more).reconstruct(image).image)
+    kept = ruined.reconstruct(best)
+    assert kept.counters["refinement"] == "no better, discarded" and kept.trust.pixels is None
+
+
 def test_refinement_moves_only_where_the_network_is_unsure(scene, image, heights):
     options = RefinementOptions(refine_iterations=20, refine_step_m=2e-5, refine_pixels=64)
     refinement = Refinement(scene, options, torch.device("cpu"))

@@ -1,6 +1,7 @@
 """A camera between plate and image: refining must not bend its blur and its lateral colour into the heights."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,3 +124,23 @@ def test_the_record_tells_of_the_camera(saved, monkeypatch):
     result = iterated.reconstruct(image)
     assert result.counters["camera"]["shift_px"][2] == [0.3, 0.4]
     assert any("430 nm lies up to 0.50 px" in line for line in result.warnings)
+
+
+class Judge:
+    """What a refinement asks of a resimulation; its result leaves the told share of what its start leaves."""
+
+    def __init__(self, resimulation, start, left):
+        self.image, self.camera, self.start, self.left = resimulation.image, resimulation.camera, start, left
+
+    def __call__(self, heights):
+        return SimpleNamespace(residual=0.1 * (1.0 if heights is self.start else self.left))
+
+
+@pytest.mark.parametrize(("left", "is_kept"), [(0.95, False), (0.93, True)])
+def test_beside_a_camera_a_small_gain_is_not_kept(left, is_kept):
+    """What a lens does beyond a Gaussian blur is worth 5 % of what is left, and a plate of 1.9 um became 2.4 um wrong."""
+    plain = Resimulation(CausticSimulator(SCENE), seen_by_camera())
+    blur = dataclasses.replace(ChannelCamera.perfect(3, 128), blur=np.full(3, 0.8))
+    refinement, start = Refinement(SCENE, RefinementOptions(refine_iterations=1, refine_pixels=64), CPU), plate(0.9)
+    assert refinement(Judge(plain.through(blur), start, left), start, 0.0, None).is_better == is_kept
+    assert refinement(Judge(plain, start, left), start, 0.0, None).is_better

@@ -11,6 +11,9 @@ from nets.training.config import RunConfig, default_run
 from nets.training.fit import fit
 from nets.training.limits import Limits
 from nets.training.progress import TrainingProgress
+from tests.upright import upright_only
+
+__all__ = ["upright_only"]
 
 BACKBONE = {"widths": [8, 16], "depths": [1, 1], "attention_levels": [], "head_channels": 16}
 TAB_2 = {"c_init": 4, "k_down": 3, "k_up": 2, "m_s": 2, "n_s": 2}

@@ -112,11 +112,31 @@ def test_a_spike_fails_whatever_its_area(size):
     assert "up to 1000 um" in found.reasons[0]
 
 
-def test_a_spike_that_is_not_certain_is_no_fault():
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_spike_that_is_not_certain_is_no_fault_but_does_not_pass(size):
+    """Twenty times the tolerance, and nobody knows whether it is there."""
     sigma = SIGMA.copy()
-    sigma[4, 40] = 6e-4
-    found = inspect_plate(bump(4, 40, 1e-3, 1), NOMINAL, SCENE, 5e-5, sigma_m=sigma)
+    sigma[4 : 4 + size, 40 : 40 + size] = 6e-4
+    found = inspect_plate(bump(4, 40, 1e-3, size), NOMINAL, SCENE, 5e-5, sigma_m=sigma)
+    assert found.verdict == "uncertain" and not found.regions and found.undecided.sum() == size**2
+
+
+def test_a_small_part_that_is_not_certain_stands_in_the_verdict():
+    sigma = SIGMA.copy()
+    sigma[4, 40] = 6e-5
+    found = inspect_plate(bump(4, 40, 1e-4, 1), NOMINAL, SCENE, 5e-5, sigma_m=sigma)
     assert found.verdict == "pass"
+    assert found.reasons[-1].startswith("not judged: 1 part beyond tolerance (up to 100 um)")
+
+
+@pytest.mark.parametrize(("step", "verdict"), [(8, "uncertain"), (16, "pass")])
+def test_many_small_parts_do_not_pass_one_by_one(step, verdict):
+    """Single cells of 0.15 mm on 1.6 % of the plate; on 0.4 % they are named."""
+    heights = NOMINAL.copy()
+    heights[::step, ::step] += 1.5e-4
+    found = inspect_plate(heights, NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
+    assert found.verdict == verdict and not found.regions
+    assert f"{(64 // step) ** 2} parts beyond tolerance (up to 150 um)" in found.reasons[-1]
 
 
 def test_parts_too_small_to_judge_stand_in_the_verdict():
@@ -130,5 +150,6 @@ def test_no_numbers_never_pass():
     heights[3, 3] = np.nan
     with pytest.raises(InputError, match="heights are no numbers at 1 places"):
         inspect_plate(heights, NOMINAL, SCENE, 5e-5, sigma_m=SIGMA)
-    sigma[10:20, 10:20] = np.nan
-    assert inspect_plate(NOMINAL, NOMINAL, SCENE, 5e-5, sigma_m=sigma).verdict == "uncertain"
+    for nothing in (np.nan, -1e-6, np.inf):
+        sigma[10:20, 10:20] = nothing
+        assert inspect_plate(NOMINAL, NOMINAL, SCENE, 5e-5, sigma_m=sigma).verdict == "uncertain"

@@ -87,6 +87,10 @@ def test_nothing_is_given_twice(tmp_path, name, text, message):
         ("a.csv", NAMES.replace("height_um", "width_m") + "\n0,0,1,1,1,1\n", "width is given twice"),
         ("a.csv", NAMES.replace("mm", "m") + "\n-10,0,10,2,1,300\n", "above 1 m; check the units"),
         ("a.csv", NAMES + "\n0,0,1,1,0,300\n", "needs a width above 0"),
+        ("a.csv", NAMES.replace(",", ";") + "\n0;0;1,5;1;1;300\n", "separates its columns by ';'; use ','"),
+        ("a.csv", NAMES.replace(",", "\t") + "\n0\t0\t1\t1\t1\t300\n", "separates its columns by '\\t'; use ','"),
+        ("a.csv", NAMES + "\n0,0,1,1,1," + 5000 * "9" + "\n", "999..., not a finite number; write for example 1.5"),
+        ("a.csv", 5000 * "x" + ",b\n1,2\n", "xxx...' is not known; use start_x"),
         ("a.yaml", "{lines: 3}", "is no list of mappings"),
         ("a.yaml", "a: [", "a.yaml': expected the node content"),
         ("a.txt", "x", "is no list of lines; give .csv"),
@@ -96,7 +100,7 @@ def test_errors_name_the_place(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError) as caught:
         read_lines(tmp_path / name)
-    assert message in str(caught.value) and "\n" not in str(caught.value)
+    assert message in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
 def test_what_is_written_is_read(tmp_path):

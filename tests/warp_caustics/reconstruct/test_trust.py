@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 import torch
 
+from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.inspection.compare import inspect_plate
 from warp_caustics.inspection.judge import doubted
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.refine.options import RefineOptions
+from warp_caustics.reconstruct.refine.refine import Refine
 from warp_caustics.reconstruct.result import Resimulation, estimated_noise
+from warp_caustics.reconstruct.trust import Seen, image_trust
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -72,22 +77,33 @@ def test_what_errs_by_a_little_is_explained_in_part():
 
 
 def fine_ripple():
-    """A ripple of two samples, 1.5 um high, of which coarse pixels hardly tell [m], shape [64, 64]."""
+    """A ripple of two samples, 1.5 um high, of which 32 pixels hardly tell [m], shape [64, 64]."""
     sign = (-1.0) ** np.arange(64)
     return 1.5e-6 * sign[:, None] * sign
 
 
 def test_what_was_found_on_a_coarse_image_is_judged_there():
-    """By means over its pixels, with their noise and the coarse simulation's error; finer ones had no say."""
+    """By means over its pixels, with their noise and the coarse simulation's error."""
     heights = relief(*LINES)
     clean = light(heights)
-    whole, coarse = (trust(clean, heights, 0.05, found_at=pixels) for pixels in (128, 32))
+    whole, coarse = (trust(clean, heights, 0.05, found_at=pixels) for pixels in (128, 64))
     assert whole.pixels is None and whole == trust(clean, heights, 0.05)
-    assert coarse.pixels == 32 and " of the image left at 32 of 128 pixels, noise and simulation leave " in coarse.line
-    assert coarse.is_explained and coarse.noise == pytest.approx(whole.noise / 4, rel=0.1)
-    assert coarse.simulation > 1.5 * whole.simulation
-    assert trust(clean, heights + fine_ripple(), 0.01).is_explained is False
-    assert trust(clean, heights + fine_ripple(), 0.01, found_at=32).is_explained
+    assert coarse.pixels == 64 and " of the image left at 64 of 128 pixels, noise and simulation leave " in coarse.line
+    assert coarse.is_explained and coarse.noise == pytest.approx(whole.noise / 2, rel=0.1)
+    assert coarse.simulation != whole.simulation
+    # What noise and simulation leave of all pixels, where finer ones had no say, is told beside it.
+    assert (
+        (coarse.left_at_all, coarse.floor_at_all)
+        == (whole.left, whole.floor)
+        == (whole.left_at_all, whole.floor_at_all)
+    )
+
+
+@pytest.mark.parametrize("found_at", [None, 64, 32, 4])
+def test_no_heights_escape_by_the_pixels_they_were_found_with(found_at):
+    """32 pixels do not tell of the ripple; heights that were found with so few are judged with as many as there are."""
+    found = trust(light(relief(*LINES)), relief(*LINES) + fine_ripple(), 0.01, found_at=found_at)
+    assert found.is_explained is False and found.pixels == (None if found_at is None else 64)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +135,28 @@ def test_a_blur_that_no_model_knows_is_named_and_the_truth_stays_believed():
     )
 
 
+@pytest.mark.parametrize(("share", "is_told"), [(0.02, False), (0.04, True)])
+def test_an_explained_image_whose_light_paths_cross_says_so(share, is_told):
+    """Other reliefs may explain it too; one that is not explained has more to say."""
+    measured = Measurement(torch.ones(3, 64, 64), torch.ones(3, 64, 64), torch.full((3, 64, 64), 0.01))
+    right, wrong = (Seen(value * measured.irradiance, value * measured.irradiance) for value in (1.0, 1.1))
+    assert (
+        "light paths cross on 4 % of the plate" in image_trust(measured, right, "given", lambda: share).line
+    ) == is_told
+    assert "cross" not in image_trust(measured, wrong, "given", lambda: share).line
+
+
+def test_folds_are_counted_on_the_plate_itself():
+    """A line that focuses light before the screen."""
+    far = SCENE.model_copy(update={"screen_position_m": (0, 0, -0.05)})
+    heights = relief(*LINES)
+    image = CausticSimulator(far, "lattice")(torch.tensor(heights, dtype=torch.float32)).numpy()
+    found = Resimulation(CausticSimulator(far), CausticImage(image, np.full(3, 0.01))).trust(heights)
+    crossing = fold_fraction(heights, far)
+    assert crossing > 0.03 and found.is_explained
+    assert f"light paths cross on {100 * crossing:.2g} % of the plate" in found.line
+
+
 def test_masked_pixels_do_not_count():
     heights = relief(*LINES)
     clean, mask = light(heights), np.ones((3, 128, 128), bool)
@@ -140,3 +178,15 @@ def test_no_plate_passes_by_heights_that_are_not_believed():
     good = dataclasses.replace(bad, is_beyond_relief=False)
     assert doubted(passed, bad).verdict == "uncertain" and "not explained" in doubted(passed, bad).reasons[0]
     assert doubted(passed, good) is passed and doubted(passed, None) is passed
+
+
+def test_fewer_pixels_than_heights_do_not_judge_them():
+    """A descent at 16 pixels explains those by heights that the image refutes."""
+    fine = Scene(height_samples=32, image_pixels=128, screen_position_m=(0, 0, -1e-6))
+    truth = line_relief(LINES, 32, fine.plate_size_m)
+    clean = CausticSimulator(fine, "lattice", n_photons=16 * 128**2)(torch.tensor(truth, dtype=torch.float32)).numpy()
+    image = CausticImage(clean, np.full(3, 0.003))
+    options = {"finest_pixels": 16, "coarsest_pixels": 16, "max_iterations": 150, "metric": "height"}
+    found = Refine(fine, RefineOptions(**options), "cpu").reconstruct(image)
+    assert np.sqrt(np.mean((found.heights_m - truth) ** 2)) > 0.3 * np.sqrt(np.mean(truth**2))
+    assert found.trust.is_explained is False and found.trust.pixels == 32
