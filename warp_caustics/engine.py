@@ -314,7 +314,7 @@ class Engine:
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
         is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused.is_wide and not self.plan.is_grid
-        # Wide footprints then share cache lines; small ones would collide.
+        # Wide footprints then share cache lines; small ones would collide on a GPU.
         return sorted_by_cell(positions, self.scene) if is_sorted else positions
 
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:

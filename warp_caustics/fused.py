@@ -7,15 +7,17 @@ import warp as wp
 
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.kernels import MAP_NAMES, dtype_of
+from warp_caustics.kernels.blocks import BLOCK, PLACE_PLANES, block_adjoint_kernel, block_kernel
 from warp_caustics.kernels.fused import fused_kernels, unpack_kernel
 from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
 from warp_caustics.kernels.native import PACK
+from warp_caustics.kernels.row_refraction import PLANES
 from warp_caustics.optics import Optics
 from warp_caustics.photons import PhotonPlan
 from warp_caustics.scene import Profile
 
 WIDE_SIGMA_PX = 0.8
-"""Footprints wider than this on a flat plate are shared by several GPU threads."""
+"""Photons with footprints wider than this on a flat plate come cell by cell; several GPU threads share each."""
 
 WIDE_LANES, WIDE_ADJOINT_LANES = 8, 2
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
@@ -35,14 +37,15 @@ PACKED_ARCH = 90
 
 
 class FusedPhotons:
-    """Launches ``kernels/fused.py`` and ``kernels/fused_adjoint.py`` in the variant that suits the device.
+    """Launches ``kernels/fused.py`` and its adjoint, or ``kernels/blocks.py``, in the variant that suits the device.
 
     Attributes:
-        is_wide: footprints are shared by several GPU threads.
+        is_wide: footprints of a flat plate cover many pixels; on a GPU several threads share each.
         defers: wide footprints are listed, for a launch with many threads each.
         width: wavelengths added together: on GPUs all of two to four in float32, otherwise 1.
         lanes, adjoint_lanes: threads that share a footprint.
         max_blocks: room on the list of deferred blocks.
+        in_blocks: ``kernels/blocks.py`` instead, for light from straight above on a CPU.
     """
 
     def __init__(self, optics: Optics, plan: PhotonPlan, device: torch.device, dtype: torch.dtype, profile: Profile):
@@ -53,12 +56,14 @@ class FusedPhotons:
         self._variant = self._dtype, profile, plan.placement == "lattice"
         self._effects = optics.effects
         self.defers = device.type == "cuda"
-        self.is_wide = self.defers and optics.flat_sigma_px > WIDE_SIGMA_PX
+        self.is_wide = optics.flat_sigma_px > WIDE_SIGMA_PX
+        is_shared = self.defers and self.is_wide
         packs = self.defers and dtype == torch.float32 and 2 <= self.channels <= PACK
         self.width = self.channels if packs and self.warp_device.arch >= PACKED_ARCH else 1
-        self.lanes = WIDE_LANES if self.is_wide and self.width == 1 else 1
-        self.adjoint_lanes = WIDE_ADJOINT_LANES if self.is_wide else 1
+        self.lanes = WIDE_LANES if is_shared and self.width == 1 else 1
+        self.adjoint_lanes = WIDE_ADJOINT_LANES if is_shared else 1
         self.max_blocks = MAX_BLOCKS
+        self.in_blocks = device.type == "cpu" and plan.placement != "lattice" and optics.effects.is_straight
 
     def image_shape(self, batch: int) -> tuple[int, ...]:
         """Shape of the sums that :meth:`splat` adds to."""
@@ -84,6 +89,10 @@ class FusedPhotons:
             image: [W/m^2].
         """
         batch, inputs = coefficients.shape[0], [warp_array(coefficients), photons]
+        if self.in_blocks and self.lanes == self.width == 1 and not self.defers:
+            kernel = block_kernel(*self._variant[:2], self._effects)
+            self._launch(kernel, self._blocks(batch, photons), [*inputs, *self._scratch()], [warp_array(image)])
+            return
         kernels = fused_kernels(*self._variant, self.width, self.lanes, self.defers, self._effects)
         in_blocks = self.width > 1
         size = min(batch * photons.count, self.max_blocks) if in_blocks else batch * photons.count * self.channels
@@ -100,6 +109,10 @@ class FusedPhotons:
         shape = batch, len(MAP_NAMES), photons.count
         grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
         inputs = [warp_array(coefficients), photons, warp_array(grad_image)]
+        if self.in_blocks and self.adjoint_lanes == 1 and not self.defers:
+            kernel = block_adjoint_kernel(*self._variant[:2], self._effects)
+            self._launch(kernel, self._blocks(batch, photons), [*inputs, *self._scratch()], [warp_array(grad_maps)])
+            return grad_maps
         kernels = fused_adjoint_kernels(*self._variant, self.adjoint_lanes, self.defers, self._effects)
         listed = self._list(batch * photons.count * self.channels, 1)
         outputs = [warp_array(grad_maps)]
@@ -112,6 +125,15 @@ class FusedPhotons:
 
     def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[Any], outputs: list[Any]) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.warp_device)
+
+    def _blocks(self, batch: int, photons: Any) -> tuple[int, int]:
+        """Blocks of photons over each relief."""
+        return batch, -(-photons.count // BLOCK)
+
+    def _scratch(self) -> list[Any]:
+        """Memory for what is known of a block; what no photon writes is zero."""
+        dtype = torch.float64 if self._dtype == wp.float64 else torch.float32
+        return [warp_array(torch.zeros(planes, BLOCK, dtype=dtype)) for planes in (PLACE_PLANES, PLANES)]
 
     def _list(self, size: int, columns: int) -> list[Any]:
         """Room for deferred footprints, or for blocks of their rows, and how many there are."""

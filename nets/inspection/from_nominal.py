@@ -290,17 +290,17 @@ class _Run:
             ),
             self.method.device,
         )
-        result = refine.reconstruct(self.image, initial=self.best, progress=self._shifted(iterations))
+        found = refine.descended(self.image, initial=self.best, progress=self._shifted(iterations))
         done, elapsed = len(self.history), time.perf_counter() - self.started
         self.history += [
             entry | {"iteration": done + k + 1, "elapsed_s": elapsed + entry["elapsed_s"]}
-            for k, entry in enumerate(result.history)
+            for k, entry in enumerate(found.log.history)
         ]
         # Binned to fewer pixels the misfit may fall while that of all pixels rises a little; later steps mend it.
-        if pixels < self.scene.image_pixels or self.total(result.heights_m) < self.total(self.best):
-            self.best = result.heights_m
+        if pixels < self.scene.image_pixels or self.total(found.heights_m) < self.total(self.best):
+            self.best = found.heights_m
         self.counters["misfit"]["refinement"] = self.total(self.best)
-        if result.stop_reason == "interrupted":
+        if found.reason == "interrupted":
             raise KeyboardInterrupt
 
     def _shifted(self, iterations: int) -> ProgressCallback | None:

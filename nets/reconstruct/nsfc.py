@@ -58,6 +58,11 @@ class Nsfc(Iterated):
         self.denoiser: FoundNetwork | None = None
         if options.denoise:
             self.denoiser = find_network("denoiser", scene, path=options.denoiser_weights, device=device)
+        if device.type == "cpu":
+            for network in (updater, self.denoiser):
+                if network is not None:
+                    # Half the CPU time of the denoiser, to the same rounding.
+                    network.module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.inner = CausticSimulator(
             self.inner_scene, options.photons, n_photons=options.n_photons, seed=options.seed, device=self.device
         )
@@ -80,11 +85,21 @@ class Nsfc(Iterated):
     def step(self, number: int, heights: torch.Tensor) -> tuple[torch.Tensor, float]:
         if self.options.photons == "paper":
             self.inner.reseed(self.options.seed + number)
-        denoiser: Denoiser | None = None if self.denoiser is None else self.denoiser.module
+        denoiser: Denoiser | None = None if self.denoiser is None else self.denoised
         shown, gradient = squares_gradient(self.inner, heights, self.target, denoiser)
         with torch.inference_mode():
             updated: torch.Tensor = self.network.module(self.target, shown, heights, gradient)
         return updated.clone(), relative(shown, self.target)
+
+    def denoised(self, images: torch.Tensor) -> torch.Tensor:
+        """What the denoiser makes of images [B, n_w, m, m]; wavelength by wavelength on a CPU.
+
+        The network knows no other wavelength's image, and three at once are too large for a CPU's caches.
+        """
+        assert self.denoiser is not None  # asked for with ``denoise`` only
+        parts = images.split(1, dim=1) if images.device.type == "cpu" else (images,)
+        with torch.inference_mode():
+            return torch.cat([self.denoiser.module(part) for part in parts], dim=1)
 
     def mean(self, heights: torch.Tensor) -> torch.Tensor:
         return heights[0]

@@ -34,6 +34,7 @@ LAYERS = {
         "inspection design found_bench",
     ),
     "warp_caustics.reconstruct": (
+        "charbonnier",
         "objective plot",
         "trust",
         "rest",

@@ -123,7 +123,7 @@ def fused_kernels(
     """
     is_packed = width > 1
     # GPU variants have several lanes or leave wide footprints to those that have.
-    in_registers = profile == "spline" and lanes == 1 and not defers and not is_packed
+    in_registers = lanes == 1 and not defers and not is_packed
     adding = adding_functions(dtype, profile, width, lanes, is_packed, in_registers)
     adding_alone = adding_functions(dtype, profile, 1, lanes, is_packed, in_registers)
     row_window, add_rows = adding.row_window, adding.add_rows

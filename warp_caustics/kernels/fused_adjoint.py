@@ -37,7 +37,7 @@ def fused_adjoint_kernels(
         effects: beyond refraction.
     """
     # GPU variants have several lanes or leave wide footprints to those that have.
-    gather = gathering_function(dtype, profile, lanes, profile == "spline" and lanes == 1 and not defers)
+    gather = gathering_function(dtype, profile, lanes, lanes == 1 and not defers)
     is_straight = effects.is_straight
     collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
     light = collimated if is_straight else general

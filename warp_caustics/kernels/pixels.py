@@ -23,6 +23,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.footprint import footprint_struct
+from warp_caustics.kernels.gaussian_pixels import gaussian_functions
 from warp_caustics.kernels.native import cpu_row_functions, pixel_adder
 from warp_caustics.kernels.profiles import REACH, profile_functions
 
@@ -57,8 +58,10 @@ def adding_functions(
         width: wavelengths added at once, over the union of their windows.
         lanes: threads that share the columns of a row.
         is_packed: images are [B, H, W, PACK], all wavelengths side by side, instead of [B, C, H, W].
-        in_registers: rows go through a CPU's vector registers; for ``spline``, one wavelength and one lane.
+        in_registers: rows go through a CPU's vector registers; for one wavelength and one lane.
     """
+    if in_registers and profile == "gaussian":
+        return _adding_gaussians(dtype)
     cumulative, _ = profile_functions(dtype, profile)
     first_pixel, last_pixel = window_functions(dtype, profile)
     add_row, _ = cpu_row_functions(dtype)
@@ -153,9 +156,37 @@ def adding_functions(
     return SimpleNamespace(row_window=row_window, add_rows=add_rows)
 
 
+def _adding_gaussians(dtype: Any) -> SimpleNamespace:
+    """The same for a Gaussian in registers, which finds its rows itself: ``row_window`` is any that is not empty."""
+    add_gaussian, _ = gaussian_functions(dtype)
+    Footprints = footprint_struct(dtype, 1)
+
+    @no_type_check
+    @wp.func
+    def row_window(f: Footprints, image: wp.array4d[dtype]):
+        return wp.int32(0), image.shape[2] - 1
+
+    @no_type_check
+    @wp.func
+    def add_rows(
+        f: Footprints,
+        first_row: wp.int32,
+        last_row: wp.int32,
+        b: wp.int32,
+        channel: wp.int32,
+        lane: wp.int32,
+        image: wp.array4d[dtype],
+    ):
+        add_gaussian(image, b, channel, f.column[0], f.row[0], f.sigma_x[0], f.sigma_y[0], f.beta[0], f.amplitude[0])
+
+    return SimpleNamespace(row_window=row_window, add_rows=add_rows)
+
+
 @cache
 def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool) -> Any:
     """``gather``: adjoint of ``add_rows`` for one wavelength and planar images; arguments as above."""
+    if in_registers and profile == "gaussian":
+        return _gathering_gaussians(dtype)
     cumulative, density = profile_functions(dtype, profile)
     first_pixel, last_pixel = window_functions(dtype, profile)
     _, gather_row = cpu_row_functions(dtype)
@@ -230,5 +261,19 @@ def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool)
             below = above
             below_density = above_density
         return Footprint(g_column, g_row, g_sigma_x, g_sigma_y, g_beta, g_amplitude)
+
+    return gather
+
+
+def _gathering_gaussians(dtype: Any) -> Any:
+    """The same for a Gaussian in registers."""
+    _, gather_gaussian = gaussian_functions(dtype)
+    Footprint = footprint_struct(dtype, 0)
+
+    @no_type_check
+    @wp.func
+    def gather(f: Footprint, b: wp.int32, c: wp.int32, lane: wp.int32, grad_image: wp.array4d[dtype]):
+        g = gather_gaussian(grad_image, b, c, f.column, f.row, f.sigma_x, f.sigma_y, f.beta)
+        return Footprint(g[0], g[1], g[2], g[3], g[4], g[5])
 
     return gather

@@ -1,4 +1,4 @@
-"""Refraction of light from straight above for a row of lattice photons, sixteen at a time, on a CPU.
+"""Refraction of light from straight above for a row or a block of photons, sixteen at a time, on a CPU.
 
 The formulas and names are those of ``collimated.py``, ``footprint.py``, ``fresnel.py`` and ``lamp.py``, where they are
 explained; light from elsewhere is left to ``general.py``.
@@ -23,13 +23,23 @@ _PER_ROW = f"""
     const real eta = colour.eta, ratio = colour.ratio, c = real(1) - eta * eta;
     const bool is_squeezed = optics.squeeze > real(0);
     const real inv_squeeze = is_squeezed ? real(1) / optics.squeeze : real(0);
-    const real from_edge_y = (optics.half_y - (y < real(0) ? -y : y)) * inv_squeeze;
-    const real sigma_of_y = is_squeezed && from_edge_y < optics.sigma0 ? from_edge_y : optics.sigma0;
     const real px_x = optics.pixels_per_m_x, px_y = optics.pixels_per_m_y;
     const real box = real({BOX_VARIANCE!r}), grazing = real({GRAZING!r}), far = real({FAR_PX!r});
 """
 
+_ROW_Y = """
+    const real from_edge_y = (optics.half_y - (row_y < real(0) ? -row_y : row_y)) * inv_squeeze;
+    const real y = row_y, sigma_of_y = is_squeezed && from_edge_y < optics.sigma0 ? from_edge_y : optics.sigma0;
+"""
+
+_PHOTON_Y = """
+        const V y = load(across.data + 2 * across.shape[1] + j);
+        V sigma_of_y = optics.sigma0;
+        if (is_squeezed) sigma_of_y = smaller(sigma_of_y, (optics.half_y - __builtin_elementwise_abs(y)) * inv_squeeze);
+"""
+
 _PER_PHOTON = """
+        PHOTON_Y
         const V x = load(across.data + across.shape[1] + j);
         const V h_x = load(at + plane), h_y = load(at + 2 * plane);
         const V h_xx = load(at + 3 * plane), h_xy = load(at + 4 * plane), h_yy = load(at + 5 * plane);
@@ -58,7 +68,7 @@ _PER_PHOTON = """
         V sigma_of_x = optics.sigma0;
         if (is_squeezed) sigma_of_x = smaller(sigma_of_x, (optics.half_x - __builtin_elementwise_abs(x)) * inv_squeeze);
         const V unit_xx = sigma_of_x * px_x, unit_yx = sigma_of_x * px_y;
-        const real unit_xy = sigma_of_y * px_x, unit_yy = sigma_of_y * px_y;
+        const auto unit_xy = sigma_of_y * px_x, unit_yy = sigma_of_y * px_y;
         const V j_xx = (one + shift * h_xx + h_x * w_x) * unit_xx;
         const V j_xy = (shift * h_xy + h_x * w_y) * unit_xy;
         const V j_yx = (shift * h_xy + h_y * w_x) * unit_yx;
@@ -149,6 +159,7 @@ _LAMP_ADJOINT = """
 _LIGHT = (
     _PER_ROW
     + """
+    ROW_Y
     const V number = real(columns);
     for (int j = 0; j < columns; j += 16) {
         real* const at = work.data + j;
@@ -174,6 +185,7 @@ _LIGHT = (
 _LIGHT_ADJOINT = (
     _PER_ROW
     + f"""
+    ROW_Y
     for (int j = 0; j < columns; j += 16) {{
         real* const at = work.data + j;
         const real* const f = at + {FOOTPRINT_PLANE} * plane;
@@ -239,11 +251,16 @@ _LIGHT_ADJOINT = (
 
 
 @cache
-def row_refraction_functions(dtype: Any, has_fresnel: bool, has_lamp: bool) -> tuple[Any, Any]:
-    """``refract_row``: surface maps of a row at y to footprints, and ``refract_row_adjoint``, which adds to the
-    gradient of the maps or, where ``is_first``, writes it."""
+def row_refraction_functions(dtype: Any, has_fresnel: bool, has_lamp: bool, *, is_row: bool = True) -> tuple[Any, Any]:
+    """``refract_row``: surface maps of a row to footprints, and ``refract_row_adjoint``, which adds to the gradient of
+    the maps or, where ``is_first``, writes it.
+
+    Photons of a row share ``row_y``; others (``is_row`` False) have their y in row 2 of ``across``, as all have their x
+    in row 1.
+    """
 
     def snippet(body: str, passed: str) -> str:
+        body = body.replace("ROW_Y", _ROW_Y if is_row else "").replace("PHOTON_Y", "" if is_row else _PHOTON_Y)
         body = body.replace("PASSED", passed if has_fresnel else "").replace("LAMP_SIZE", _LAMP if has_lamp else "")
         body = body.replace(
             "LAMP_ADJOINT", _LAMP_ADJOINT if has_lamp else "const V lamp_h = zero, lamp_x = zero, lamp_y = zero;"
@@ -256,7 +273,7 @@ def row_refraction_functions(dtype: Any, has_fresnel: bool, has_lamp: bool) -> t
     @wp.func_native(snippet(_LIGHT, _PASSED))
     def refract_row(
         across: wp.array2d[dtype],
-        y: dtype,
+        row_y: dtype,
         colour: Colour,
         optics: Optics,
         columns: wp.int32,
@@ -268,7 +285,7 @@ def row_refraction_functions(dtype: Any, has_fresnel: bool, has_lamp: bool) -> t
     @wp.func_native(snippet(_LIGHT_ADJOINT, _PASSED_ADJOINT))
     def refract_row_adjoint(
         across: wp.array2d[dtype],
-        y: dtype,
+        row_y: dtype,
         colour: Colour,
         optics: Optics,
         columns: wp.int32,

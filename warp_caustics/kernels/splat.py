@@ -16,10 +16,9 @@ from warp_caustics.kernels.pixels import adding_functions, gathering_function
 @cache
 def splat_kernels(dtype: Any, profile: str, on_cpu: bool) -> SimpleNamespace:
     """Kernels for float32 or float64 and a profile: ``splat`` and ``splat_adjoint``."""
-    in_registers = on_cpu and profile == "spline"
-    adding = adding_functions(dtype, profile, 1, 1, False, in_registers)
+    adding = adding_functions(dtype, profile, 1, 1, False, on_cpu)
     row_window, add_rows = adding.row_window, adding.add_rows
-    gather = gathering_function(dtype, profile, 1, in_registers)
+    gather = gathering_function(dtype, profile, 1, on_cpu)
     functions = footprint_functions(dtype)
     footprint_of, covariance_adjoint = functions.footprint_of, functions.covariance_adjoint
     Footprints = footprint_struct(dtype, 1)

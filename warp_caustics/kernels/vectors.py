@@ -16,6 +16,7 @@ REAL = {wp.float32: "float", wp.float64: "double"}
 
 _PRELUDE = """
 #if !defined(__CUDA_ARCH__)
+    #pragma clang fp contract(fast)
     typedef {real} real;
     typedef real V __attribute__((ext_vector_type(16), aligned(sizeof(real))));
     typedef real U __attribute__((ext_vector_type(8), aligned(sizeof(real))));

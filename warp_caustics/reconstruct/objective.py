@@ -9,6 +9,8 @@ from typing import Literal, NamedTuple
 
 import torch
 
+from warp_caustics.reconstruct.charbonnier import charbonnier_sum
+
 DataTerm = Literal["charbonnier", "l2", "sqrt", "l1"]
 
 SQRT_OFFSET = 0.05
@@ -67,6 +69,10 @@ class Measurement:
         al. 1994), grows linearly, so that bright caustic lines which do not overlap yet do not outweigh all the rest;
         l2, r^2 / 2; l1, |r|; sqrt, l2 of twice the roots, which makes shot noise uniform (Anscombe 1948).
         """
+        if kind == "charbonnier":
+            total = charbonnier_sum(image, self.irradiance, self.weight, width)
+            if total is not None:
+                return total / self.weight.sum()
         if kind == "sqrt":
             dark = SQRT_OFFSET
             residual = 2 * ((image + dark).sqrt() - (self.irradiance.clamp_min(0) + dark).sqrt())

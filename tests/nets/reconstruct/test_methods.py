@@ -203,6 +203,17 @@ def test_iterates_and_start(made, scene, image, heights):
         assert result.history[0]["residual"] < 0.5
 
 
+def test_wavelengths_denoised_one_by_one_are_those_denoised_together(made, scene):
+    method = made("nsfc")
+    torch.nn.init.normal_(method.denoiser.module.contract.weight, std=0.3)
+    images = torch.rand(2, scene.n_wavelengths, scene.image_pixels, scene.image_pixels)
+    with torch.no_grad():
+        together = method.denoiser.module(images)
+    found = method.denoised(images)
+    torch.testing.assert_close(found, together, rtol=0, atol=1e-5)
+    assert float((found - images).abs().max()) > 1e-3
+
+
 def test_photons_repeat_with_the_seed(made, image):
     results = [made("nsfc", is_random=True, max_iterations=1, seed=seed).reconstruct(image) for seed in (3, 3, 4)]
     np.testing.assert_array_equal(results[0].heights_m, results[1].heights_m)

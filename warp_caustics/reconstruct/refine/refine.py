@@ -11,6 +11,7 @@ the result of another method.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -43,6 +44,27 @@ Note = Callable[[Evaluation], None]
 _MAX_ITERATIONS: StopReason = "max_iterations"
 
 
+@dataclass(frozen=True, eq=False)
+class Descended:
+    """Where a descent ended.
+
+    Attributes:
+        heights_m: the best relief [m], shape [n, n].
+        reason: why it ended.
+        options: as they were resolved.
+        log: of its evaluations.
+        sizes: pixels per side of each level.
+        exposure: by which the image was divided, shape [n_w]; None if by nothing.
+    """
+
+    heights_m: FloatArray
+    reason: StopReason
+    options: RefineOptions
+    log: RunLog
+    sizes: list[int]
+    exposure: FloatArray | None
+
+
 class Refine(Reconstructor):
     """Descent on the exact model.
 
@@ -70,6 +92,12 @@ class Refine(Reconstructor):
         Ctrl-C (KeyboardInterrupt) ends it with the best relief so far.
         """
         image = check_image(image, self.scene)
+        return self._result(image, self.descended(image, initial=initial, progress=progress))
+
+    def descended(
+        self, image: CausticImage, *, initial: FloatArray | None = None, progress: ProgressCallback | None = None
+    ) -> Descended:
+        """What :meth:`reconstruct` finds, without a judgement of it; arguments likewise, the image checked."""
         if initial is not None:
             check_initial(initial, self.scene)
         n = self.scene.height_samples
@@ -92,7 +120,7 @@ class Refine(Reconstructor):
             heights, reason = descend(measurement, size, heights, options, partial(note_evaluation, log, stage))
             if reason in ("max_time", "interrupted"):
                 break
-        return self._result(image, heights, reason, options, log, sizes, exposure)
+        return Descended(heights, reason, options, log, sizes, exposure)
 
     def _exposure(self, image: CausticImage, start: FloatArray | None, options: RefineOptions) -> FloatArray | None:
         """By which to divide the image, shape [n_w]; None if by nothing.
@@ -147,15 +175,11 @@ class Refine(Reconstructor):
     def _result(
         self,
         image: CausticImage,
-        heights: FloatArray,
-        reason: StopReason,
-        options: RefineOptions,
-        log: RunLog,
-        sizes: list[int],
-        exposure: FloatArray | None,
+        found: Descended,
     ) -> Reconstruction:
-        descent_s = log.elapsed_s
-        resimulation = Resimulation(CausticSimulator(self.scene, "lattice", device=self.device), image, exposure)
+        descent_s, sizes = found.log.elapsed_s, found.sizes
+        simulator = CausticSimulator(self.scene, "lattice", device=self.device)
+        resimulation = Resimulation(simulator, image, found.exposure)
         warnings = []
         if sizes[-1] < self.scene.image_pixels:
             warnings.append(
@@ -168,12 +192,12 @@ class Refine(Reconstructor):
         return make_result(
             self.name,
             resimulation,
-            heights,
-            reason=reason,
-            history=log.history,
+            found.heights_m,
+            reason=found.reason,
+            history=found.log.history,
             timings={"descent": descent_s},
-            counters={"evaluations": len(log.history), "exposure": resimulation.exposure.tolist()},
-            settings=options.model_dump() | {"levels": sizes},
+            counters={"evaluations": len(found.log.history), "exposure": resimulation.exposure.tolist()},
+            settings=found.options.model_dump() | {"levels": sizes},
             warnings=warnings,
             found_at=sizes[-1],
         )
