@@ -252,3 +252,52 @@ def test_uncertainty_covers_what_it_says_on_fields_that_did_not_make_its_factor(
         r"lie (\d+), (\d+) and (\d+) % within one, two and three", " ".join(page("docs/learned.md").split())
     )
     np.testing.assert_allclose([float(share) for share in said], 100 * np.array(covered), atol=0.6)
+
+
+def test_what_a_gpu_takes_by_default():
+    """The table of ``direct`` and ``fibres`` beside it, cell by cell, in docs/learned.md."""
+    stored = STORED["by_default"]
+    rows = table(page("docs/learned.md"), "| image of the ten plates | `direct`, by default |")
+    assert len(rows) == len(stored) - 2  # what it is about, and a camera without a row
+    of_rows = [name for name in stored if name not in ("about", "camera")]
+    for (_, *cells), name in zip(rows, sorted(of_rows, key=list(ORDER).index), strict=True):
+        for method, error, covered in (("direct", *cells[:2]), ("fibres", *cells[2:])):
+            if method not in stored[name]:
+                assert not error and not covered
+                continue
+            found = stored[name][method]
+            agrees(printed(error), np.array(found["rmse_um"]))
+            shares = [100 * np.mean(found[which]) for which in ("within_one", "within_two")]
+            assert figures(covered) == [pytest.approx(share, abs=0.5001) for share in shares]
+
+
+ORDER = (
+    "ideal", "apart-0.1", "apart-0.3", "apart-0.5", "blur-0.5", "blur-1", "blur-2", "ellipse", "parabola", "gaussian",
+    "quarter", "squashed", "noise-10", "merge",
+)  # fmt: skip
+"""Of the rows of that table."""
+
+
+def test_bench_looked_for_on_a_cpu():
+    """Means of docs/found_bench.md over the plates that are stored."""
+    stored = json.loads((ROOT / "benchmarks" / "found_bench_cpu.json").read_text(encoding="utf-8"))["rows"]
+    rows = table(page("docs/found_bench.md"), "| what differs | plates | known, um | estimate, um |")
+    means = {
+        (len(row["known"]["rmse_um"]), *(np.mean(row[how][what]) for what in ("rmse_um", "time_s") for how in HOW))
+        for row in stored.values()
+    }
+    assert len(rows) == len(stored)
+    for _, plates, *cells in rows:
+        near = [
+            mean
+            for mean in means
+            if mean[0] == int(plates)
+            and all(
+                abs(float(c) - m) <= 0.5001 * 10.0 ** -len(c.partition(".")[2])
+                for c, m in zip(cells, mean[1:], strict=True)
+            )
+        ]
+        assert near, cells
+
+
+HOW = ("known", "estimate")
