@@ -22,6 +22,7 @@ from nets.shipped import FoundNetwork, find_network, told_network
 from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
+from warp_caustics.reconstruct.folds import has_folds
 from warp_caustics.reconstruct.pyramid import check_image, check_initial
 from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation, as_glass
@@ -31,6 +32,10 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.types import FloatArray
 
+NO_FOLDS = (
+    "the image shows no bright lines, which networks were trained with: where light paths do not cross, --method "
+    "refine, which auto takes here, finds the relief"
+)
 SEARCH_TIMES = 4.0
 """What looking for the bench may take, relative to what was done before: with less time left it is not begun."""
 
@@ -254,6 +259,8 @@ class Direct(Reconstructor):
         answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
         warnings = list(network.warnings)
+        if not has_folds(image, self.scene):
+            warnings.append(NO_FOLDS)
         if initial is not None:
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         n = self.scene.height_samples

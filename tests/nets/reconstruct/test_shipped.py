@@ -118,3 +118,12 @@ def test_a_scene_that_looks_the_same_is_served_without_a_word():
     assert same.warnings == ()
     (warning,) = find_network("direct", Scene(index_offset=4e-4), path=file, any_grid=True).warnings
     assert "used because images of both differ by 0." in warning
+
+
+def test_an_image_without_bright_lines_is_told_of(printed):
+    scene, image, _ = printed
+    options = {"symmetries": False, "refine": False, "causes": False, "set_up": "known", "second_opinion": False}
+    faint = CausticImage((1 + 0.02 * (image.irradiance - 1)).astype(np.float32))
+    with_lines, without = (create("direct", scene, **options).reconstruct(each).warnings for each in (image, faint))
+    assert not any("no bright lines" in line for line in with_lines)
+    assert any("no bright lines" in line and "--method refine" in line for line in without)

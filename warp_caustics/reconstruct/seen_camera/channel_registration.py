@@ -32,6 +32,10 @@ CUT_ENOUGH = 0.02
 """Change of the blur [px^2] at which that is enough."""
 FAR_PX = 1.0
 """Displacement beyond which phase correlation (Kuglin and Hines 1975) is asked first."""
+LEAST_PEAK = 7.0
+"""Height of a peak of the phase correlation, in its standard deviations over all shifts, from which on it is believed.
+Of noise the highest of 512^2 is 5; where a relief hardly shows in its image there is nothing else, and channels were
+moved by 7 px for it."""
 TURNS = 3
 """Times that channels are moved and compared again, at most."""
 TURNED_PX = 1e-4
@@ -205,7 +209,7 @@ def _blur_of_saturated(
 
 
 def _coarse(transforms: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-    """Shift by whole pixels, shape [B, 2], of the highest peak of the phase correlation; 0 for small ones."""
+    """Shift by whole pixels, shape [B, 2], of the highest peak of the phase correlation; 0 for small ones, or none."""
     pixels = transforms.shape[-2]
     kx, ky = frequencies(pixels, transforms.device)
     square = kx**2 + ky**2
@@ -215,8 +219,9 @@ def _coarse(transforms: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     peaks = torch.fft.irfft2(
         band * cross / (cross.abs() + 1e-6 * cross.abs().amax((1, 2), keepdim=True)), s=(pixels, pixels)
     )
-    place = peaks.flatten(1).argmax(dim=1)
+    highest, place = peaks.flatten(1).max(dim=1)
     at = torch.stack((place % pixels, place // pixels), dim=1)
     at = torch.where(at >= pixels // 2, at - pixels, at)
-    is_far = at.abs().amax(dim=1, keepdim=True) > FAR_PX
-    return torch.where(is_far, at, 0)
+    is_peak = highest > LEAST_PEAK * peaks.flatten(1).std(dim=1)
+    is_far = (at.abs().amax(dim=1) > FAR_PX) & is_peak
+    return torch.where(is_far[:, None], at, 0)

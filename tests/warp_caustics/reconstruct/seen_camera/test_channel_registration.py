@@ -333,3 +333,16 @@ def test_a_gpu_finds_the_same_camera(has_gaps):
     there = found(measured.cuda(), CLEAN.cuda(), weight.cuda())
     for name in ("shift", "scale", "blur", "gain", "ambient"):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_noise_hides_the_picture_channels_are_not_moved_far(seed):
+    """The highest of many peaks of noise is no place."""
+    faint = 1 + 1e-2 * (CLEAN - 1)
+    camera = found(faint + noise(3, PIXELS, PIXELS, std=0.05, seed=seed), 1 + 0.3 * (faint - 1))
+    assert np.abs(camera.shift).max() < 0.6
+
+
+def test_a_shift_of_pixels_is_found_in_ten_percent_of_noise():
+    measured = stacked(lines((3.0, -5.0)), lines(), lines()) + noise(3, PIXELS, PIXELS, std=0.1)
+    np.testing.assert_allclose(found(measured, CLEAN).shift, [[3.0, -5.0], [0, 0], [0, 0]], atol=0.1)
