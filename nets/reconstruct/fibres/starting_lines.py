@@ -24,8 +24,9 @@ WELL_TOLD = 0.025
 FAR_FROM_TOLD = 2.0
 """Times that, above which lines are found anew as parabolas though no other section tells those of cosines better:
 what was not found as a line of one section tells nothing of another."""
-MOST_ON_CPU = 15
-"""Lines above which a CPU does not find them anew as of another section: of two dozen that takes up to a minute."""
+MANY = 15
+"""Lines above which a CPU does not find them anew as of another section: of two dozen that takes up to a minute. Nor
+does a GPU where no other section tells them better: so many are far from told by any."""
 
 
 class _Start(NamedTuple):
@@ -57,7 +58,8 @@ def starting_lines(
     enough = WELL_TOLD * relief_m.numel() + LINE_PENALTY * len(best.lines)
     if not finds_section or len(best.lines) < 2 or best.left < enough:
         return best.lines
-    finds_anew = model.device.type != "cpu" or len(best.lines) <= MOST_ON_CPU
+    are_few = len(best.lines) <= MANY
+    finds_anew = are_few or model.device.type != "cpu"
 
     def anew(start: _Start) -> _Start:
         model.shape, model.overlap = start.shape, start.overlap
@@ -75,7 +77,7 @@ def starting_lines(
         if (best.shape, best.overlap) == (before.shape, before.overlap):
             break
         best = min(best, anew(best), key=lambda start: start.left)
-    if best is first and best.left > FAR_FROM_TOLD * enough:
+    if best is first and are_few and best.left > FAR_FROM_TOLD * enough:
         best = _better(best, anew(best._replace(shape=PARABOLA)))
     model.shape, model.overlap = best.shape, best.overlap
     return best.lines
