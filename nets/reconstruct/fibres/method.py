@@ -31,7 +31,7 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.starting_lines import starting_lines
-from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, SPREADS, design_uncertainty
+from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
@@ -49,7 +49,6 @@ from warp_caustics.reconstruct.base import (
     StopReason,
 )
 from warp_caustics.reconstruct.pyramid import check_image, usual_pixels
-from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
@@ -258,6 +257,11 @@ class _Run:
                 "losses": effects_of(view.scene),
             }
             warnings += record.warnings()
+        uncertainty = None
+        if answer.uncertainty_m is not None:
+            is_asked = method.options.causes and not is_noise_left
+            rest = view.resimulation.rest(heights, found_at) if is_asked else None
+            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, method.options.flatness_m)
         result = network_result(
             method.name,
             view.resimulation,
@@ -268,7 +272,7 @@ class _Run:
             counters=counters,
             settings=method.options.model_dump() | {"network": method.network.network.record},
             warnings=warnings,
-            uncertainty=self._uncertainty(view, heights, is_noise_left, found_at),
+            uncertainty=uncertainty,
             no_uncertainty=answer.no_uncertainty,
             found_at=found_at,
         )
@@ -282,22 +286,6 @@ class _Run:
             measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
             result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
         return dataclasses.replace(result, fibres_m=fibres)
-
-    def _uncertainty(
-        self, view: LinesView, heights: FloatArray, is_noise_left: bool, found_at: int | None
-    ) -> FloatArray | None:
-        """That of the network and of what is left, or of lines that leave nothing but noise, [m], shape [n, n]."""
-        found = self.answer.uncertainty_m
-        if found is None:
-            return None
-        is_asked = self.method.options.causes and not is_noise_left
-        rest = view.resimulation.rest(heights, found_at) if is_asked else None
-        if rest is not None:
-            found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
-        if is_noise_left:
-            found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
-        flatness_m = self.method.options.flatness_m
-        return np.hypot(found, flatness_m) if flatness_m else found
 
     def _fit(self) -> None:
         """Lines on the bench that was told."""

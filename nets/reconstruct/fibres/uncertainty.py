@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from warp_caustics.reconstruct.rest import Rest, local_relief
 from warp_caustics.types import FloatArray
 
 SPREADS = 1.1
@@ -51,6 +53,28 @@ def design_uncertainty(spread_m: FloatArray, calibration: DesignCalibration) -> 
     """
     grown: FloatArray = calibration.scale_m * (np.maximum(spread_m, 0) / 1e-6) ** calibration.power
     return np.maximum(grown, calibration.floor_m)
+
+
+def of_lines(
+    network_m: FloatArray, heights_m: FloatArray, rest: Rest | None, is_noise_left: bool, flatness_m: float
+) -> FloatArray:
+    """Standard uncertainty of a relief of lines [m], shape [n, n].
+
+    That of the network and of what is left of the image, or of lines that leave nothing but noise.
+
+    Args:
+        network_m: of the network's answer [m], shape [n, n].
+        heights_m: the relief [m], shape [n, n].
+        rest: what it leaves of the image; None where that is not asked, or its noise not known.
+        is_noise_left: whether lines leave nothing but noise.
+        flatness_m: standard deviation of the base from a plane [m].
+    """
+    found = network_m
+    if rest is not None:
+        found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights_m))
+    if is_noise_left:
+        found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
+    return np.hypot(found, flatness_m) if flatness_m else found
 
 
 def disagreement(heights_m: FloatArray, free_m: FloatArray) -> FloatArray:
