@@ -124,7 +124,8 @@ class BenchSearch:
                 is_kept = is_less(now, was, self._noise_left(image, told))
                 why = f"what is left of the image {'fell' if is_kept else 'did not fall'} from {was:.3g} to {now:.3g}"
                 kept = self._as_measured(other, found) if is_kept else told
-                kept = dataclasses.replace(kept, stop_reason=other.stop_reason)
+                if other.stop_reason == "interrupted":
+                    kept = dataclasses.replace(kept, stop_reason="interrupted")
         record = self._record(values, sigma, is_kept, why, len(steps))
         timings = told.timings_s | {"bench": search_s}
         if is_kept:

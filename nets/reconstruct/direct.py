@@ -159,6 +159,8 @@ class Direct(Reconstructor):
                 found = dataclasses.replace(found, stop_reason="interrupted")
         if self.options.causes and found.stop_reason != "interrupted":
             found = with_causes(found, seen, self._simulator_of(found), self.numbers, answer)
+            if not has_folds(image, self.scene):
+                found = dataclasses.replace(found, warnings=(*found.warnings, NO_FOLDS))
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
         return self.asked[0].grid.result(found)
@@ -259,8 +261,6 @@ class Direct(Reconstructor):
         answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
         warnings = list(network.warnings)
-        if not has_folds(image, self.scene):
-            warnings.append(NO_FOLDS)
         if initial is not None:
             warnings.append("direct takes no start, the given one is not used; --method refine does")
         n = self.scene.height_samples

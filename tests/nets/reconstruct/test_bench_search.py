@@ -123,6 +123,18 @@ def test_rounds_are_told_and_an_interrupted_search_leaves_what_was_found_before(
     np.testing.assert_array_equal(result.heights_m, before.heights_m)
 
 
+def test_an_interrupted_refinement_on_the_found_bench_ends_the_run(truthful, relief):
+    image, stages = taken(relief, vergence_per_m=2.5), []
+
+    def interrupt(state):
+        stages.append(state.stage)
+        if state.stage.startswith("found bench"):
+            raise KeyboardInterrupt
+
+    result = truthful(set_up="estimate").reconstruct(image, progress=interrupt)
+    assert stages[-1].startswith("found bench") and result.stop_reason == "interrupted"
+
+
 def test_a_bench_is_looked_for_unless_it_is_known_or_time_is_short(truthful, relief):
     image = taken(relief)
     assert "bench" in truthful(set_up=None).reconstruct(image).counters

@@ -122,8 +122,10 @@ def test_a_scene_that_looks_the_same_is_served_without_a_word():
 
 def test_an_image_without_bright_lines_is_told_of(printed):
     scene, image, _ = printed
-    options = {"symmetries": False, "refine": False, "causes": False, "set_up": "known", "second_opinion": False}
+    options = {"symmetries": False, "refine": False, "set_up": "known", "second_opinion": False}
     faint = CausticImage((1 + 0.02 * (image.irradiance - 1)).astype(np.float32))
     with_lines, without = (create("direct", scene, **options).reconstruct(each).warnings for each in (image, faint))
     assert not any("no bright lines" in line for line in with_lines)
     assert any("no bright lines" in line and "--method refine" in line for line in without)
+    asked_nothing = create("direct", scene, causes=False, **options).reconstruct(faint)
+    assert not any("no bright lines" in line for line in asked_nothing.warnings)  # inspections have no --method
