@@ -70,6 +70,7 @@ class Engine:
         self._axes: dict[Chunk, torch.Tensor] = {}
         self._lattices: dict[Chunk, Any] = {}
         self._replays = Replays()
+        self._least, self._most = self._tensor(-0.999 * scene.base_thickness_m), self._tensor(1.0)
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -326,14 +327,20 @@ class Engine:
         planes = len(MAP_NAMES) + self.scene.n_wavelengths
         return batch * planes * self.dtype.itemsize
 
-    def image(self, heights: torch.Tensor) -> torch.Tensor:
-        """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
-        return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
+    def image(self, heights: torch.Tensor, *, is_guarded: bool = False) -> torch.Tensor:
+        """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m].
+
+        Args:
+            heights: possible ones; of those that are not, if ``is_guarded``, comes an image that means nothing.
+            is_guarded: whether they may be no numbers, or lower than the plate is thick.
+        """
+        call = self._guarded_image if is_guarded else self._image
+        return self._replays(call.__name__, call, heights) if self._is_small(heights) else call(heights)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
         if self._is_small(heights):
-            return self._replays("adjoint", self._image_adjoint, heights, grad_image)
+            return self._replays("_image_adjoint", self._image_adjoint, heights, grad_image)
         return self._image_adjoint(heights, grad_image)
 
     def _is_small(self, heights: torch.Tensor) -> bool:
@@ -341,7 +348,17 @@ class Engine:
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
-        coefficients = self.coefficients(heights)
+        return self.image_of(self.coefficients(heights))
+
+    def _guarded_image(self, heights: torch.Tensor) -> torch.Tensor:
+        """The same of heights that may be anything: kernels are not told what is no number."""
+        return self._image(heights.fmax(self._least).fmin(self._most))
+
+    def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        return self.adjoint_of(self.coefficients(heights), grad_image)
+
+    def image_of(self, coefficients: torch.Tensor) -> torch.Tensor:
+        """Irradiance [B, n_w, m, m] [W/m^2] of :meth:`coefficients`; launches one by one."""
         if self.rows is not None:
             return self.rows.image(coefficients, self.fused_photons, self.optics)
         fused = self.fused
@@ -349,10 +366,10 @@ class Engine:
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        return fused.unpacked(self._sum(fused.image_shape(heights.shape[0]), add))
+        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add))
 
-    def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        coefficients = self.coefficients(heights)
+    def adjoint_of(self, coefficients: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient [B, n, n] with respect to the heights whose :meth:`coefficients` these are; likewise."""
         if self.rows is not None:
             grad = self.rows.image_adjoint(coefficients, self.fused_photons, self.optics, grad_image)
             return self.coefficients_adjoint(grad)

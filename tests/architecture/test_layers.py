@@ -29,6 +29,7 @@ LAYERS = {
         "engine",
         "simulator oracle",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
+        "recorded_gradient",
         "setup capture reconstruct",
         "calibration",
         "inspection design found_bench",
