@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from warp_caustics.chunked import MIN_CHUNK_PHOTONS, on_all_cores, warp_array
-from warp_caustics.height_field import sample_coordinate
+from warp_caustics.height_field import PREFILTER_REACH, sample_coordinate
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.row_refraction import PLANES
 from warp_caustics.kernels.row_surface import CELL_PLANES
@@ -99,7 +99,10 @@ class LatticeRows:
     def filtered(
         self, planes: torch.Tensor, matrix: torch.Tensor, transposed: torch.Tensor, optics: Optics
     ) -> torch.Tensor:
-        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose."""
+        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose.
+
+        The matrix is the spline's prefilter or its transpose: what lies beyond its reach is not looked at.
+        """
         rows, inner = matrix.shape
         found = torch.empty(len(planes), rows, rows, dtype=self._dtype)
         wp.launch(
@@ -107,6 +110,7 @@ class LatticeRows:
             dim=len(planes),
             inputs=[
                 *(warp_array(array) for array in (matrix, transposed, planes.contiguous())),
+                PREFILTER_REACH,
                 warp_array(torch.empty(inner, dtype=self._dtype)),
             ],
             outputs=[warp_array(found)],

@@ -105,12 +105,13 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
         matrix: wp.array2d[dtype],
         transposed: wp.array2d[dtype],
         planes: wp.array3d[dtype],
+        reach: wp.int32,
         work: wp.array[dtype],
         # outputs
         filtered: wp.array3d[dtype],
     ):
         """filtered[b] = matrix @ planes[b] @ transposed: heights to coefficients, and the adjoint of that."""
-        both_ways(matrix, transposed, planes, wp.tid(), work, filtered)
+        both_ways(matrix, transposed, planes, wp.tid(), reach, work, filtered)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module=module)
