@@ -32,6 +32,7 @@ from warp_caustics.landings import Landings
 from warp_caustics.lattice_rows import LatticeRows
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan, sorted_by_cell
+from warp_caustics.relief_bounds import bounds_of
 from warp_caustics.scene import Profile, Scene
 from warp_caustics.spline_stage import SplineStage
 
@@ -181,17 +182,11 @@ class Engine:
         """
         batch = coefficients.shape[0]
         clear = torch.empty(batch, self.scene.n_wavelengths, photons.count, dtype=torch.uint8, device=self.device)
-        pitch_x, pitch_y = self.scene.sample_pitch_m
-        # A spline lies between its coefficients, its slope between their differences.
-        lowest = coefficients.amin((1, 2))
-        slopes = (
-            coefficients.diff(dim=2).abs().amax((1, 2)) / pitch_x,
-            coefficients.diff(dim=1).abs().amax((1, 2)) / pitch_y,
-        )
+        bounds = bounds_of(coefficients, self.scene.sample_pitch_m)
         wp.launch(
             second_hits_kernel(self.warp_dtype, is_lattice, self.optics.effects),
             dim=(batch, photons.count),
-            inputs=[warp_array(coefficients), photons, warp_array(lowest), warp_array(torch.hypot(*slopes))],
+            inputs=[warp_array(coefficients), photons, warp_array(bounds)],
             outputs=[warp_array(clear)],
             device=self.warp_device,
             record_tape=False,
@@ -296,6 +291,8 @@ class Engine:
             if chunk not in self._axes:
                 self._axes[chunk] = self.plan.axes(chunk, self.dtype, self.device)
             self._lattices[chunk] = self.optics.photons(self._axes[chunk], chunk.count, self.plan.columns)
+        if self.rows is not None:
+            return self._lattices[chunk]  # rows look for lost paths themselves
         return self.told(coefficients, self._lattices[chunk], is_lattice=True)
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:

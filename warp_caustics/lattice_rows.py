@@ -16,6 +16,7 @@ from warp_caustics.kernels.rows import row_adjoint_kernel, row_kernels
 from warp_caustics.kernels.vectors import LANES
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan
+from warp_caustics.relief_bounds import bounds_of
 
 PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
 """Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
@@ -61,13 +62,16 @@ class LatticeRows:
         image = _zeros(len(coefficients), channels, m, m, dtype=self._dtype)
         done = 0
         for group in groups:
+            bounds = _bounds(group, optics)
 
-            def add(strip: Chunk, group: torch.Tensor = group) -> tuple[torch.Tensor, torch.Tensor]:
+            def add(
+                strip: Chunk, group: torch.Tensor = group, bounds: torch.Tensor = bounds
+            ) -> tuple[torch.Tensor, torch.Tensor]:
                 # Rows of pixels are set to zero by whoever comes to them first.
                 part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
                 rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
                 outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
-                self._launch(kernel, group, photons_of(strip, group), [], outputs)
+                self._launch(kernel, group, photons_of(strip, group), [warp_array(bounds)], outputs)
                 return part, rows
 
             # By NumPy: torch's threads would wait for the next sum on the cores that compute it.
@@ -83,11 +87,13 @@ class LatticeRows:
     ) -> torch.Tensor:
         """Gradient of the coefficients from that of the image, in shapes of :meth:`image`."""
         kernel = row_adjoint_kernel(self._kind, optics.effects)
+        bounds = _bounds(coefficients, optics)
 
         def add(strip: Chunk) -> torch.Tensor:
             part = _zeros(*coefficients.shape, dtype=self._dtype)
             photons = photons_of(strip, coefficients)
-            self._launch(kernel, coefficients, photons, [warp_array(grad_image)], [warp_array(part)])
+            inputs = [warp_array(grad_image), warp_array(bounds)]
+            self._launch(kernel, coefficients, photons, inputs, [warp_array(part)])
             return part
 
         parts = on_all_cores(add, self._strips)
@@ -141,6 +147,13 @@ class LatticeRows:
             outputs=outputs,
             device="cpu",
         )
+
+
+def _bounds(coefficients: torch.Tensor, optics: Optics) -> torch.Tensor:
+    """What a kernel that follows paths through the relief asks for."""
+    if not optics.effects.second_hits:
+        return coefficients.new_empty(0, 2)
+    return bounds_of(coefficients, optics.scene.sample_pitch_m)
 
 
 def _zeros(*shape: int, dtype: torch.dtype) -> torch.Tensor:

@@ -20,7 +20,7 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 LAYERS = {
     "warp_caustics": (
         "front_door types units strict errors signals child_process landings",
-        "materials height_field metrics pixel_spline resampling cuda_graph banded",
+        "materials height_field metrics pixel_spline resampling cuda_graph banded relief_bounds",
         "scene",
         "io kernels presets",
         "photons chunked camera",

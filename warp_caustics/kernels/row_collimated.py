@@ -29,6 +29,7 @@ _BENT = """
         const V d_yx = shift * h_xy + h_y * w_x, d_yy = shift * h_yy + h_y * w_y;
         const auto gets_through = cosine2 > V(grazing);
         const real lit = real(1);
+        const V side2 = k * k * slope2;
 """
 
 _COSINES = """

@@ -50,6 +50,7 @@ _FOLLOW = """
         const V side = thickness * inv_down;
         const V shift = side + optics.gap * f;
         const V shift_x = shift * t_x, shift_y = shift * t_y;
+        const V side2 = (t_x * t_x + t_y * t_y) * inv_down * inv_down;
         // --- derivatives along a way
         struct Way { V in_x, in_y, down, h, h_x, h_y; };
         struct Followed { V v, a, g, t_x, t_y, t_down, along, shift, x, y; };

@@ -18,9 +18,10 @@ from warp_caustics.kernels.row_collimated import collimated_pieces
 from warp_caustics.kernels.row_general import general_pieces
 from warp_caustics.kernels.vectors import vector_snippet
 
-FOOTPRINT_PLANE, GRADIENT_PLANE, MAP_GRADIENT_PLANE, PLANES = 6, 12, 18, 24
+FOOTPRINT_PLANE, GRADIENT_PLANE, MAP_GRADIENT_PLANE, SIDE_PLANE, PLANES = 6, 12, 18, 24, 25
 """Scratch memory of a row: surface maps (MAP_NAMES), footprints (members of ``footprint_struct``), their gradient for
-unit amplitude in the same order, and the gradient of the maps."""
+unit amplitude in the same order, the gradient of the maps, and the square of how far a path inside the glass goes
+sideways per depth, where somebody asks for second hits."""
 
 MOST_VARIANCE = 1.0e37
 """Footprints with a larger trace [px^2] are not finite in float32."""
@@ -54,7 +55,7 @@ _PER_PHOTON = """
         const V h_xx = load(at + 3 * plane), h_xy = load(at + 4 * plane), h_yy = load(at + 5 * plane);
         const V thickness = optics.base + load(at);
         const V slope2 = h_x * h_x + h_y * h_y;
-        // --- shift_x, shift_y [m], their derivatives d_xx, d_xy, d_yx, d_yy [1], lit [1], gets_through
+        // --- shift_x, shift_y [m], their derivatives d_xx, d_xy, d_yx, d_yy [1], lit [1], gets_through, side2 [1]
         BENT
         // --- Jacobian, times the footprint's standard deviations on the plate
         V sigma_of_x = optics.sigma0;
@@ -109,6 +110,7 @@ _LIGHT = (
         *(V*)(to + 3 * plane) = is_lit ? root_of(var_y) : one;
         *(V*)(to + 4 * plane) = is_lit ? beta : zero;
         *(V*)(to + 5 * plane) = is_lit ? amount : zero;
+        SIDEWAYS
     }}
 """
 )
@@ -179,6 +181,8 @@ def row_refraction_functions(dtype: Any, effects: Effects, *, is_row: bool = Tru
         pieces = collimated_pieces(effects.fresnel, effects.lamp)
     else:
         pieces = general_pieces(effects.fresnel, effects.lamp, effects.point)
+    sideways = f"        *(V*)(at + {SIDE_PLANE} * plane) = side2;\n" if effects.second_hits else ""
+    pieces |= {"SIDEWAYS": sideways}
     pieces |= {"ROW_Y": _ROW_Y if is_row else "", "PHOTON_Y": "" if is_row else _PHOTON_Y}
 
     def snippet(frame: str) -> str:

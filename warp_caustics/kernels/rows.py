@@ -20,9 +20,11 @@ from warp_caustics.kernels.row_refraction import (
     FOOTPRINT_PLANE,
     GRADIENT_PLANE,
     MAP_GRADIENT_PLANE,
+    SIDE_PLANE,
     row_refraction_functions,
 )
 from warp_caustics.kernels.row_surface import both_ways_function, row_surface_functions
+from warp_caustics.kernels.second_hits import march_function
 from warp_caustics.kernels.surface import surface_functions
 
 
@@ -36,8 +38,10 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     optics_of, colour_of = bench.optics_of, bench.colour_of
     Photons = photons_struct(dtype)
     Footprint = footprint_struct(dtype, 0)
+    clear_path = march_function(dtype, effects)
     half = wp.constant(dtype(0.5))
     zero = wp.constant(dtype(0.0))
+    one = wp.constant(dtype(1.0))
     is_blocked = effects.second_hits
 
     @no_type_check
@@ -67,20 +71,42 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     @no_type_check
     @wp.func
     def light_of_row(
+        coefficients: wp.array3d[dtype],
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         y: dtype,
         photons: Photons,
         b: wp.int32,
         c: wp.int32,
-        first: wp.int32,
         work: wp.array2d[dtype],
     ):
-        """Surface maps to footprints of a row at one wavelength; ``first`` is the number of its first photon."""
-        refract_row(across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, work)
+        """Surface maps to footprints of a row at one wavelength."""
+        colour = colour_of(photons, b, c)
+        optics = optics_of(photons, b)
+        refract_row(across, y, colour, optics, photons.columns, work)
         if wp.static(is_blocked):
+            # Only paths so flat that the relief may come nearer are followed.
+            lowest = bounds[b, 0]
+            steepest = bounds[b, 1]
             for j in range(photons.columns):
-                if photons.clear[b, c, first + j] == wp.uint8(0):
-                    work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
+                lit = work[wp.static(FOOTPRINT_PLANE + 5), j] > zero
+                if lit and work[wp.static(SIDE_PLANE), j] * steepest * steepest > one:
+                    clear = clear_path(
+                        coefficients,
+                        photons,
+                        b,
+                        across[1, j],
+                        y,
+                        work[0, j],
+                        work[1, j],
+                        work[2, j],
+                        colour,
+                        optics,
+                        lowest,
+                        steepest,
+                    )
+                    if clear == wp.uint8(0):
+                        work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
 
     return SimpleNamespace(along_y=along_y, footprint_of=footprint_of, light_of_row=light_of_row)
 
@@ -118,6 +144,7 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
     def splat_rows(
         coefficients: wp.array3d[dtype],
         photons: Photons,
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         first_photon: wp.array[wp.int32],
         by_cell: wp.array2d[dtype],
@@ -130,8 +157,8 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
         """Add rows of lattice photons to the image [W/m^2].
 
         Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set
-        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4]; for the rest, scratch memory and
-        the lattice, see ``lattice_rows.py``.
+        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4], ``bounds_of`` them [B, 2]; for the
+        rest, scratch memory and the lattice, see ``lattice_rows.py``.
         """
         b, i = wp.tid()
         y = photons.positions[1, i]
@@ -150,7 +177,7 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
             work,
         )
         for c in range(image.shape[1]):
-            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
             others = add_row_of_photons(work, photons.columns, b, c, image, listed, lit_rows)
             for k in range(others):
                 f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
@@ -187,6 +214,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
         coefficients: wp.array3d[dtype],
         photons: Photons,
         grad_image: wp.array4d[dtype],
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         first_photon: wp.array[wp.int32],
         by_cell: wp.array2d[dtype],
@@ -213,7 +241,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
             work,
         )
         for c in range(grad_image.shape[1]):
-            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
             others = gather_row_of_photons(work, photons.columns, b, c, grad_image, listed)
             for k in range(others):
                 j = listed[k]
