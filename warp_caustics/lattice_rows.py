@@ -46,6 +46,7 @@ class LatticeRows:
         self._first_photon = torch.from_numpy(first.astype(np.int32))
         rows = max(-(-plan.rows // STRIPS), -(-MIN_CHUNK_PHOTONS // plan.columns))
         self._strips = list(plan.chunks(rows * plan.columns))
+        self._taps = [_taps_of(strip, plan) for strip in self._strips]
 
     def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m].
@@ -98,8 +99,9 @@ class LatticeRows:
 
         parts = on_all_cores(add, self._strips)
         total = next(parts)
-        for part in parts:
-            total.numpy()[...] += part.numpy()
+        # What nobody has written need not be read: memory of zeros is made where it is first looked at.
+        for part, taps in zip(parts, self._taps[1:], strict=True):
+            total.numpy()[:, taps] += part.numpy()[:, taps]
         return total
 
     def filtered(
@@ -147,6 +149,14 @@ class LatticeRows:
             outputs=outputs,
             device="cpu",
         )
+
+
+def _taps_of(strip: Chunk, plan: PhotonPlan) -> slice:
+    """Rows of coefficients that a strip's photons lie between, and one more on either side for rounding."""
+    n = plan.scene.height_samples
+    y = plan.grid_y[[strip.first_row, strip.first_row + strip.rows - 1]]
+    low, high = np.clip(np.floor(sample_coordinate(y, n, plan.scene.plate_size_m[1])).astype(int), -1, n - 1)
+    return slice(max(0, low), high + 6)
 
 
 def _bounds(coefficients: torch.Tensor, optics: Optics) -> torch.Tensor:
