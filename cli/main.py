@@ -7,6 +7,7 @@ so that ``nsfc --help`` answers at once.
 """
 
 import importlib
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -16,6 +17,10 @@ import rich_click as click
 from cli.failures import explained
 from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE, known_names
 from warp_caustics.signals import Restore, answered
+
+# Threads that have nothing to do sleep, before torch is loaded: by default they keep their cores busy waiting, and where
+# other programs work, or threads are more than cores, each small operation takes as long as the system lets others run.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",

@@ -256,3 +256,14 @@ def test_the_completion_script_is_printed(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main_module.main([])
     assert "complete -o nosort -F _nsfc_completion nsfc" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("given", "expected"), [(None, "passive"), ("active", "active")])
+def test_threads_that_wait_leave_cores_to_others(given, expected):
+    """Unless somebody said otherwise."""
+    environment = {key: value for key, value in os.environ.items() if key != "OMP_WAIT_POLICY"}
+    if given is not None:
+        environment["OMP_WAIT_POLICY"] = given
+    code = "import cli.main, os, sys; print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == [expected, "False"]

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
+from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.line import Line, direction, moved_across
 from warp_caustics.prints.model import HEIGHT, LineModel, rows_of
 from warp_caustics.types import FloatArray
@@ -123,7 +124,9 @@ def minimised(
         scale = normal.diagonal() + 1e-9 * normal.diagonal().max() + 1e-12
         before = least
         for _trial in range(DAMPING_TRIALS):
-            tried = moved(found, torch.linalg.solve(normal + damping * torch.diag(scale), right))
+            with one_thread():
+                step = torch.linalg.solve(normal + damping * torch.diag(scale), right)
+            tried = moved(found, step)
             new, normal_there, right_there = system(tried)
             if new < least:
                 found, least, normal, right = tried, new, normal_there, right_there

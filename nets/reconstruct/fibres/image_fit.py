@@ -14,6 +14,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
+from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
@@ -287,8 +288,10 @@ class ImageFit:
         diagonal = np.diag(seen)
         scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal[lengths].max()))
         unit = LOSS_SCALE * seen / np.outer(scale, scale)
-        factor = torch.linalg.cholesky(torch.from_numpy(unit + RIDGE_REGULARISATION * np.eye(len(scale))))
-        inverse = torch.linalg.solve_triangular(factor, torch.eye(len(scale), dtype=torch.float64), upper=False).numpy()
+        identity = torch.eye(len(scale), dtype=torch.float64)
+        with one_thread():
+            factor = torch.linalg.cholesky(torch.from_numpy(unit) + RIDGE_REGULARISATION * identity)
+            inverse = torch.linalg.solve_triangular(factor, identity, upper=False).numpy()
 
         # Products are summed by NumPy itself: a BLAS takes as many threads as a machine has cores for matrices from a
         # hundred numbers on, which took 16 cores 60 ms where one needs 20 us.
