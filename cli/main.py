@@ -18,8 +18,8 @@ from cli.failures import explained
 from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE, known_names
 from warp_caustics.signals import Restore, answered
 
-# Threads that have nothing to do sleep, before torch is loaded: by default they keep their cores busy waiting, and where
-# other programs work, or threads are more than cores, each small operation takes as long as the system lets others run.
+# Threads that have nothing to do sleep; to be said before torch is loaded. By default they keep their cores busy, and
+# where others work, or threads are more than cores, each small operation takes as long as the system lets others run.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 COMMANDS = {
