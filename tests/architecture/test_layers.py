@@ -19,7 +19,7 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 
 LAYERS = {
     "warp_caustics": (
-        "front_door types units strict errors signals child_process landings",
+        "front_door types units strict errors signals child_process landings native_words",
         "materials height_field metrics pixel_spline resampling cuda_graph",
         "scene",
         "io kernels presets",
