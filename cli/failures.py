@@ -10,6 +10,7 @@ import traceback
 import click
 
 from warp_caustics.errors import EXIT_BUG, CausticsError, InputError, ResourceError, is_out_of_memory
+from warp_caustics.io.durable import MACHINE_MENDS
 
 _PLACES = {
     errno.ENAMETOOLONG: "shorten the name",
@@ -34,8 +35,8 @@ def explained(error: Exception) -> tuple[str, int]:
         return "; ".join(validation_lines(error)), InputError.exit_code
     if is_out_of_memory(error):
         return f"out of memory; {_what_fits()}", ResourceError.exit_code
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-        return f"{error}; free space on the disk", ResourceError.exit_code
+    if isinstance(error, OSError) and error.errno in MACHINE_MENDS:
+        return f"{error}; {MACHINE_MENDS[error.errno]}", ResourceError.exit_code
     if isinstance(error, OSError) and error.errno in _PLACES and error.filename is not None:
         name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else str(error.filename)
         return f"{_shortened(name)!r}: {error.strerror}; {_PLACES[error.errno]}", InputError.exit_code
