@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from warp_caustics.errors import InputError, ResourceError
-from warp_caustics.io.durable import MACHINE_MENDS, settle, temporary_name
+from warp_caustics.io.durable import machine_mend, settle, temporary_name
 from warp_caustics.io.regular import IrregularFileError, kind_of, open_regular, read_regular
 from warp_caustics.io.regular import PathLike as PathLike
 
@@ -120,10 +120,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         yield temporary
         settle(temporary, target)
     except OSError as error:
-        # HDF5 reports a full disk in its message only, without the error number.
-        code = errno.ENOSPC if "No space left" in str(error) else error.errno
-        if code in MACHINE_MENDS:
-            raise ResourceError(f"cannot write {str(target)!r} ({reason(error)}); {MACHINE_MENDS[code]}") from error
+        mend = machine_mend(error)
+        if mend is not None:
+            raise ResourceError(f"cannot write {str(target)!r} ({reason(error)}); {mend}") from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise InputError(f"folder {str(target.parent)!r} is not writable; choose another") from error
         raise

@@ -33,6 +33,7 @@ MACHINE_MENDS = {
     errno.ENOMEM: "free memory",
 }
 """What a machine has too little of, or is set too low, while it reads and writes; the mend."""
+_CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 T = TypeVar("T")
@@ -155,6 +156,18 @@ def sweep(*folders: Path) -> None:
             if is_temporary(entry.name) and entry.is_file(follow_symlinks=False):
                 with suppress(FileNotFoundError):
                     os.unlink(entry.path)
+
+
+def machine_mend(error: OSError) -> str | None:
+    """What to do about what the machine lacks; None where something else failed.
+
+    HDF5 and NumPy tell of a full disk, and of a write that was cut short, in words only, without the error's number.
+    """
+    if "No space left" in str(error):
+        return MACHINE_MENDS[errno.ENOSPC]
+    if _CUT_SHORT.search(str(error)):
+        return f"{MACHINE_MENDS[errno.ENOSPC]} or {MACHINE_MENDS[errno.EFBIG]}"
+    return MACHINE_MENDS.get(error.errno or 0)
 
 
 def explained(error: OSError, path: Path, needed: int) -> Exception:

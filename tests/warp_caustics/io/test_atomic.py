@@ -57,6 +57,7 @@ def test_disk_that_fails_at_any_step_leaves_a_whole_file(monkeypatch, tmp_path, 
     [
         (OSError(errno.ENOSPC, "No space left on device"), "free space"),
         (OSError("Unable to flush file: No space left on device"), "free space"),
+        (OSError("1024 requested and 234 written"), r"free space or raise the limit of file sizes \(ulimit -f\)"),
         (OSError(errno.EFBIG, "File too large"), r"raise the limit of file sizes \(ulimit -f\)"),
         (OSError(errno.EMFILE, "Too many open files"), r"raise the limit of open files \(ulimit -n\)"),
     ],
