@@ -15,6 +15,7 @@ import pydantic
 import yaml
 from pydantic import AfterValidator, BaseModel, Field
 
+from cli.spelled import spelled_in
 from data_gen.bench_ranges import BenchRanges
 from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
@@ -178,22 +179,38 @@ def load_config(
         InputError: unreadable, unknown keys, or values out of range.
     """
     tree: dict[str, Any] = Config().model_dump(mode="json")
+    sources: list[tuple[str, dict[str, Any]]] = []
     for path in [*([] if source is None else [config_path(source)]), *also]:
-        tree = merged(tree, read_yaml(path), f"{path}: ")
+        sources.append((str(path), read_yaml(path)))
     if bench is not None:
         from warp_caustics.calibration.bench_file import read_bench
 
-        tree = merged(tree, {"scene": read_bench(bench).scene}, f"{bench}: ")
+        sources.append((bench, {"scene": read_bench(bench).scene}))
+    for name, written in sources:
+        tree = merged(tree, written, f"{name}: ")
+    tree = with_settings(tree, settings, overrides or {}, sources)
+    return validated(Config, tree, spelled_in(sources, overrides))
+
+
+def with_settings(
+    tree: dict[str, Any],
+    settings: Sequence[str],
+    overrides: Mapping[str, Any],
+    sources: list[tuple[str, dict[str, Any]]],
+) -> dict[str, Any]:
+    """A configuration with what --set and other options say; the former are noted among its sources."""
     for setting in settings:
-        tree = merged(tree, parsed_setting(setting), f"--set {shortened(setting)}: ")
-    for key, value in (overrides or {}).items():
+        parsed = parsed_setting(setting)
+        tree = merged(tree, parsed, f"--set {shortened(setting)}: ")
+        sources.append(("", parsed))
+    for key, value in overrides.items():
         if value is not None:
             tree = merged(tree, nested(key.split("."), value), "")
-    return validated(Config, tree)
+    return tree
 
 
-def validated(kind: type[Model], tree: Mapping[str, Any]) -> Model:
-    """A record of that kind.
+def validated(kind: type[Model], tree: Mapping[str, Any], spelled: Callable[[str], str] = str) -> Model:
+    """A record of that kind; ``spelled`` says what a dotted key is called where it was written.
 
     Raises:
         InputError: unknown keys or values out of range, the first few of them.
@@ -201,7 +218,7 @@ def validated(kind: type[Model], tree: Mapping[str, Any]) -> Model:
     try:
         return kind.model_validate(dict(tree))
     except pydantic.ValidationError as error:
-        problems = validation_lines(error)
+        problems = validation_lines(error, spelled=spelled)
         more = f"; {len(problems) - MAX_PROBLEMS} more problems" if len(problems) > MAX_PROBLEMS else ""
         raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error
 

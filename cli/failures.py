@@ -34,12 +34,18 @@ def explained(error: Exception) -> tuple[str, int]:
         return "; ".join(validation_lines(error)), InputError.exit_code
     if is_out_of_memory(error):
         return f"out of memory; {_what_fits()}", ResourceError.exit_code
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-        return f"{error}; free space on the disk", ResourceError.exit_code
+    if isinstance(error, OSError) and (mend := _machine_mend(error)) is not None:
+        return f"{error}; {mend}", ResourceError.exit_code
     if isinstance(error, OSError) and error.errno in _PLACES and error.filename is not None:
         name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else str(error.filename)
         return f"{_shortened(name)!r}: {error.strerror}; {_PLACES[error.errno]}", InputError.exit_code
     return f"unexpected {type(error).__name__}: {str(error)[:200]}; {_keep_traceback(error)}", EXIT_BUG
+
+
+def _machine_mend(error: OSError) -> str | None:
+    from warp_caustics.io.durable import machine_mend  # brings NumPy, which help does without
+
+    return machine_mend(error)
 
 
 def _shortened(name: str) -> str:

@@ -46,6 +46,8 @@ def checked_folder(
     path, name = Path(os.path.realpath(output)), repr(os.fspath(output))
     if not path.parent.is_dir():
         raise InputError(f"folder {str(path.parent)!r} does not exist; create it first")
+    if path.is_symlink():  # what is left of a link that was followed as far as it goes
+        raise InputError(f"output {name} is a symbolic link that points at itself; remove it, or name another folder")
     if not path.exists():
         return path, []
     if not path.is_dir():

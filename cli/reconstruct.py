@@ -29,9 +29,9 @@ TRANSPORT = "transport"
 @click.option(
     "--initial",
     metavar="FILE|transport",
-    help="Height map to start from, or transport: what that method finds. [default: the method's choice]",
+    help="Heights or printed lines to start from, or transport: what that finds. [default: the method's choice]",
 )
-@click.option("--reference", type=click.Path(), help="True height map; errors are reported against it.")
+@click.option("--reference", type=click.Path(), help="True heights or printed lines; errors are told against them.")
 @click.option("--max-iterations", type=count, help="Iterations per stage, at most.")
 @click.option("--max-time", type=seconds, metavar="SECONDS", help="Stop after so many seconds.")
 @click.option(

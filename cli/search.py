@@ -81,6 +81,7 @@ def search(
     start = time.monotonic()
     _check_usage(data, fresh, n_trials, pool, steps_per_epoch, workers, devices)
     from cli.config import validated
+    from cli.spelled import spelled_in
     from cli.train_config import new_run
     from nets.search.config import SearchConfig
 
@@ -94,8 +95,8 @@ def search(
     }
     _check_settings(settings)
     run = new_run(kind, None, config_source, settings, overrides)  # type: ignore[arg-type]
-    tree = {"run": run, "max_epochs": max_epochs, "sampler": sampler, "trial_time_s": trial_time}
-    wanted = validated(SearchConfig, tree)
+    limits = {"max_epochs": max_epochs, "trial_time_s": trial_time}
+    wanted = validated(SearchConfig, {"run": run, "sampler": sampler, **limits}, spelled_in([], limits))
     chosen = _devices(start_device(device), device, workers, devices)
     folder = _folder(output)
     from nets.search.study import address

@@ -9,11 +9,11 @@ from cli.config import (
     TrainingWish,
     config_path,
     merged,
-    nested,
-    parsed_setting,
     refuse_null_sections,
     validated,
+    with_settings,
 )
+from cli.spelled import spelled_in
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.errors import InputError
 from warp_caustics.io.yaml_file import read_yaml
@@ -47,6 +47,7 @@ def new_run(
         InputError: unreadable, unknown keys, or values out of range.
     """
     tree = default_run(kind, preset)
+    sources: list[tuple[str, dict[str, Any]]] = []
     if overrides.get("data") is not None:
         from data_gen.store import CausticDataset
         from nets.training.files import described
@@ -59,8 +60,10 @@ def new_run(
         # In the configuration of a run `data` is a folder, and null is fresh samples.
         sections = Config().model_dump(mode="json") | {"network": tree["network"]}
         refuse_null_sections({k: v for k, v in written.items() if (k, v) != ("data", None)}, sections, f"{path}: ")
-        tree = merged(tree, _of_training(written, kind), f"{path}: ")
-    return _checked(tree, settings, overrides)
+        written = _of_training(written, kind)
+        tree = merged(tree, written, f"{path}: ")
+        sources.append((str(path), written))
+    return _checked(tree, settings, overrides, sources)
 
 
 def resumed_run(folder: "str | PathLike[str]", settings: Sequence[str], overrides: Mapping[str, Any]) -> RunConfig:
@@ -68,7 +71,8 @@ def resumed_run(folder: "str | PathLike[str]", settings: Sequence[str], override
     path = Path(folder, RESOLVED)
     if not path.is_file():
         raise InputError(f"{str(folder)!r} holds no {RESOLVED}, so no run to resume; leave out --resume")
-    return _checked(read_yaml(path), settings, overrides)
+    tree = read_yaml(path)
+    return _checked(tree, settings, overrides, [(str(path), tree)])
 
 
 def _of_training(tree: dict[str, Any], kind: str) -> dict[str, Any]:
@@ -111,10 +115,11 @@ def _wished(tree: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _checked(tree: dict[str, Any], settings: Sequence[str], overrides: Mapping[str, Any]) -> RunConfig:
-    for setting in settings:
-        tree = merged(tree, parsed_setting(setting), f"--set {setting}: ")
-    for key, value in overrides.items():
-        if value is not None:
-            tree = merged(tree, nested(key.split("."), value), "")
-    return validated(RunConfig, tree)
+def _checked(
+    tree: dict[str, Any],
+    settings: Sequence[str],
+    overrides: Mapping[str, Any],
+    sources: list[tuple[str, dict[str, Any]]],
+) -> RunConfig:
+    tree = with_settings(tree, settings, overrides, sources)
+    return validated(RunConfig, tree, spelled_in(sources, overrides))

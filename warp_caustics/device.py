@@ -1,9 +1,8 @@
 """The device to compute on."""
 
 import contextlib
-import os
-import sys
-from collections.abc import Iterator
+
+from warp_caustics.native_words import native_words
 
 
 def start_device(name: str) -> str:
@@ -26,7 +25,7 @@ def start_device(name: str) -> str:
         name = "cuda" if has_cuda else "cpu"
     device = str(usable_device(name))
     # Warp's native code warns of a missing driver, whatever its log level; no news on a machine without a GPU.
-    with contextlib.nullcontext() if has_cuda else _stderr_off():
+    with contextlib.nullcontext() if has_cuda else native_words():
         wp.init()
     return device
 
@@ -41,16 +40,3 @@ def device_name(device: str) -> str:
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
         model = next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), model)
     return f"{model}, {torch.get_num_threads()} threads"
-
-
-@contextlib.contextmanager
-def _stderr_off() -> Iterator[None]:
-    sys.stderr.flush()
-    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)

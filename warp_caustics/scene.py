@@ -8,6 +8,7 @@ name of each field carries its unit.
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import pydantic
@@ -305,8 +306,16 @@ def _shortened(value: object) -> str:
         return "a number too long to show"
 
 
-def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[str]:
-    """One readable line per problem of a failed validation: path, reason and offending value."""
+def validation_lines(
+    error: pydantic.ValidationError, prefix: str = "", spelled: Callable[[str], str] = str
+) -> list[str]:
+    """One readable line per problem of a failed validation: path, reason and offending value.
+
+    Args:
+        error: what failed.
+        prefix: before every path.
+        spelled: what a path is called where it was written.
+    """
     lines = []
     for item in error.errors():
         if item["type"] == "default_factory_not_called":
@@ -323,7 +332,7 @@ def validation_lines(error: pydantic.ValidationError, prefix: str = "") -> list[
                 message += "; give metres, or a unit as in 3mm, 50um, 530nm"
             if item["type"] in ("tuple_type", "list_type"):
                 message += "; give a list, as [1, 2, 3], of one value too: [1]"
-        line = f"{path}: {message}" if path else message
+        line = f"{spelled(path)}: {message}" if path else message
         if line not in lines:
             lines.append(line)
     return lines

@@ -11,7 +11,14 @@ from typing import Literal
 
 from data_gen.dataset_config import DatasetConfig
 from data_gen.sampler import Field, SamplerFactory
-from data_gen.store.folder import StoredConfig, check_same_origin, load_complete, prepare_folder, refuse_strangers
+from data_gen.store.folder import (
+    REPAIRED_BY_BUILD,
+    StoredConfig,
+    check_same_origin,
+    load_complete,
+    prepare_folder,
+    refuse_strangers,
+)
 from data_gen.store.layout import Complete, Layout, Manifest
 from data_gen.store.lock import BuildLock
 from data_gen.store.maker import ShardMaker, Task, usable_cores
@@ -200,7 +207,7 @@ def _to_do(
     try:
         complete = load_complete(layout, stored)
     except DamagedDataError as error:
-        notes.append(f"{error}; written again")
+        notes.append(f"{str(error).removesuffix(REPAIRED_BY_BUILD)}; written again")
         complete = None
 
     def look(shard: int) -> tuple[Manifest | None, Problem | None]:

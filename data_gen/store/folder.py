@@ -98,6 +98,10 @@ def prepare_folder(directory: PathLike, config: DatasetConfig) -> Layout:
     return layout
 
 
+REPAIRED_BY_BUILD = "; build again to repair"
+"""Ends the message of what the next build writes anew."""
+
+
 def load_complete(layout: Layout, config: StoredConfig) -> Complete | None:
     """COMPLETE.json, None where the data set is unfinished.
 
@@ -105,7 +109,10 @@ def load_complete(layout: Layout, config: StoredConfig) -> Complete | None:
         DamagedDataError: it is broken, belongs to another configuration, or does not list every shard and sample:
             one rule for whoever reads, checks or builds.
     """
-    complete = read_complete(layout.complete)
+    try:
+        complete = read_complete(layout.complete)
+    except DamagedDataError as error:
+        raise DamagedDataError(f"{str(layout.root)!r}: {error}{REPAIRED_BY_BUILD}") from error
     if complete is not None and complete.fingerprint != config.fingerprint:
         raise DamagedDataError(
             f"{str(layout.root)!r}: config.json (fingerprint {config.fingerprint[:12]}) is not the one that "
@@ -115,8 +122,8 @@ def load_complete(layout: Layout, config: StoredConfig) -> Complete | None:
         found, wanted = (len(complete.entries), complete.n_samples), (config.n_shards, config.n_samples)
         if found != wanted:
             raise DamagedDataError(
-                f"COMPLETE.json lists {found[0]} of {wanted[0]} shards and {found[1]} of {wanted[1]} samples; "
-                "build again to repair"
+                f"COMPLETE.json lists {found[0]} of {wanted[0]} shards and {found[1]} of {wanted[1]} samples"
+                f"{REPAIRED_BY_BUILD}"
             )
     return complete
 

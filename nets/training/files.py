@@ -14,7 +14,7 @@ from data_gen.store import CausticDataset
 from nets.training.batch import Batch, Told, silent
 from nets.training.config import RunConfig
 from nets.training.keys import step_seed
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import CausticsError, InputError, MismatchError, ResourceError
 
 FIELDS = {
     "denoiser": {"noisy": "noisy", "clean": "clean"},
@@ -88,7 +88,19 @@ class FileSource:
     def batch(self, step: int) -> Batch:
         if self.loader is None:
             self.resume(step)
-        return self._moved(next(self.batches))
+        try:
+            sample = next(self.batches)
+        except CausticsError as error:
+            raise type(error)(_of_worker(str(error))) from error
+        except RuntimeError as error:
+            # torch has no type of its own for a process of the loader that was killed.
+            if "DataLoader worker" not in str(error):
+                raise
+            raise ResourceError(
+                f"a process that reads data set {self.config.data!r} was killed, mostly for want of memory; fewer such "
+                "processes: --set training.data_workers=0"
+            ) from error
+        return self._moved(sample)
 
     def resume(self, step: int) -> None:
         self.close()
@@ -125,6 +137,12 @@ class FileSource:
     def _moved(self, sample: dict[str, torch.Tensor]) -> Batch:
         on_device = {name: sample[name].to(self.device, non_blocking=True) for name in self.names}
         return {ours: on_device[name].float() for name, ours in self.names.items()}
+
+
+def _of_worker(message: str) -> str:
+    """The message of an error of ours that a process of the loader told with its whole traceback."""
+    last = message.rstrip().rpartition("\n")[2]
+    return last.partition(": ")[2] if message.startswith("Caught ") and ": " in last else message
 
 
 def reading_processes(wanted: int | None, world: int) -> int:

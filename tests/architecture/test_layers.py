@@ -19,7 +19,7 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 
 LAYERS = {
     "warp_caustics": (
-        "front_door types units strict errors signals child_process landings one_thread",
+        "front_door types units strict errors signals child_process landings native_words one_thread",
         "materials height_field metrics pixel_spline resampling cuda_graph banded relief_bounds",
         "scene",
         "io kernels presets",

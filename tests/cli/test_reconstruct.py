@@ -197,7 +197,7 @@ BAD_INPUTS = [
     ("nan", 3, "NaN"),
     ("black", 3, "black"),
     ("half", 5, "64 x 64"),
-    ("one channel", 5, "1 channels"),
+    ("one channel", 5, "has 1 channel, the scene 3 wavelengths"),
 ]
 
 

@@ -110,7 +110,7 @@ def _stored(folder):
         (["direct", "--fresh"], 2, "'direct' is not one of"),
         (["denoiser", "data", "--steps-per-epoch", "3"], 2, "a data set has epochs of its own"),
         (["denoiser", "--fresh", "--workers", "0"], 2, "--workers 0 is below 1"),
-        (["denoiser", "--fresh", "--max-epochs", "4"], 3, "max_epochs"),
+        (["denoiser", "--fresh", "--max-epochs", "4"], 3, "--max-epochs"),
         (["denoiser", "--fresh", "--pool", "1"], 3, "smaller than a batch"),
         (["denoiser", "--fresh", "--set", "network.network.k_down=3"], 3, "is what the search varies; leave it out"),
         (["denoiser", "--fresh", "--set", "training.learning_rate=1"], 3, "is what the search varies"),

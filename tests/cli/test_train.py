@@ -86,7 +86,7 @@ def test_an_earlier_run_is_not_overwritten(tmp_path, capsys):
         (["direct", "--fresh", "--preset", "paper"], 3, "preset 'paper' is no direct; use one of direct"),
         (["direct", "--fresh", "--set", "training.lr=1"], 3, "training.lr: unknown key"),
         (["direct", "--fresh", "--set", "training.learning_rate=-1"], 3, "training.learning_rate"),
-        (["direct", "--fresh", "--seed", "-1"], 3, "training.seed"),
+        (["direct", "--fresh", "--seed", "-1"], 3, "error: --seed: "),
         (["unrolled", "--fresh", "--set", "training.unrolling.start.direct=1"], 3, "give direct_weights"),
         (["direct", "--resume"], 3, "holds no config.resolved.yaml"),
         (["unrolled", "--fresh", "--from-shipped"], 3, "no unrolled network comes with this software"),

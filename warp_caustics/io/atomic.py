@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from warp_caustics.errors import InputError, ResourceError
-from warp_caustics.io.durable import settle, temporary_name
+from warp_caustics.io.durable import machine_mend, settle, temporary_name
 from warp_caustics.io.regular import IrregularFileError, kind_of, open_regular, read_regular
 from warp_caustics.io.regular import PathLike as PathLike
 
@@ -112,7 +112,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
     Raises:
         InputError: the folder is missing or not writable, or ``path`` is no regular file.
-        ResourceError: the disk is full or broken.
+        ResourceError: the disk is full or broken, or files may not be as large.
     """
     target = _write_target(path)
     temporary = temporary_name(target, target.suffix[:32])
@@ -120,9 +120,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         yield temporary
         settle(temporary, target)
     except OSError as error:
-        # HDF5 reports a full disk in its message only, without the error number.
-        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO) or "No space left" in str(error):
-            raise ResourceError(f"cannot write {str(target)!r} ({reason(error)}); free space on the disk") from error
+        mend = machine_mend(error)
+        if mend is not None:
+            raise ResourceError(f"cannot write {str(target)!r} ({reason(error)}); {mend}") from error
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise InputError(f"folder {str(target.parent)!r} is not writable; choose another") from error
         raise

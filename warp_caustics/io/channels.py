@@ -71,7 +71,14 @@ def check_channel_count(count: int, scene_m: Sequence[float], requested: str | S
         )
     else:
         fix = "give an image with one channel per wavelength, or set scene.wavelengths_m and scene.radiosity_W_m2"
-    raise MismatchError(f"the image has {count} channels, the scene {len(scene_m)} wavelengths; {fix}")
+        if count > len(scene_m):
+            fix += "; of a colour camera whose channels all saw this light: --mixing FILE, a row of it for each channel"
+    has, sees = _counted(count, "channel"), _counted(len(scene_m), "wavelength")
+    raise MismatchError(f"the image has {has}, the scene {sees}; {fix}")
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def channel_order(

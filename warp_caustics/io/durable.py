@@ -22,16 +22,18 @@ TEMPORARY_PREFIX = ".tmp-"
 _TEMPORARY = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}[0-9a-f]{{16}}(\.[^/]*)?\Z")
 
 _WRITE_BYTES = 16 * 2**20
-_DISK = {
+MACHINE_MENDS = {
     errno.ENOSPC: "free space",
     errno.EDQUOT: "free space or raise the quota",
-    errno.EFBIG: "raise the limit of file sizes (ulimit -f) or take fewer samples per shard",
+    errno.EFBIG: "raise the limit of file sizes (ulimit -f)",
     errno.EIO: "the disk reports an error, look at it",
     errno.EMFILE: "close files or raise the limit of open files (ulimit -n)",
     errno.ENFILE: "close files",
     errno.ESTALE: "the network file system lost the file, look at it",
     errno.ENOMEM: "free memory",
 }
+"""What a machine has too little of, or is set too low, while it reads and writes; the mend."""
+_CUT_SHORT = re.compile(r"\d+ requested and \d+ written")
 _DENIED = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 T = TypeVar("T")
@@ -156,13 +158,25 @@ def sweep(*folders: Path) -> None:
                     os.unlink(entry.path)
 
 
+def machine_mend(error: OSError) -> str | None:
+    """What to do about what the machine lacks; None where something else failed.
+
+    HDF5 and NumPy tell of a full disk, and of a write that was cut short, in words only, without the error's number.
+    """
+    if "No space left" in str(error):
+        return MACHINE_MENDS[errno.ENOSPC]
+    if _CUT_SHORT.search(str(error)):
+        return f"{MACHINE_MENDS[errno.ENOSPC]} or {MACHINE_MENDS[errno.EFBIG]}"
+    return MACHINE_MENDS.get(error.errno or 0)
+
+
 def explained(error: OSError, path: Path, needed: int) -> Exception:
     """The error a person can act on."""
     text = f"cannot write {str(path)!r} ({error.strerror or error}"
     if error.errno in _DENIED:
         return InputError(f"{text}); choose a folder that this user may write")
-    if isinstance(error, _Unreliable) or error.errno in _DISK:
-        action = _DISK.get(error.errno or 0, "the disk is unreliable, look at it")
+    if isinstance(error, _Unreliable) or error.errno in MACHINE_MENDS:
+        action = MACHINE_MENDS.get(error.errno or 0, "the disk is unreliable, look at it")
         return ResourceError(
             f"{text}; {needed:,} bytes needed, {_free_bytes(path):,} free); {action}, "
             "then run the same command again to resume"

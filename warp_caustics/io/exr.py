@@ -12,6 +12,7 @@ from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded, own_description, without_alpha
 from warp_caustics.io.image_file import MAX_CHANNELS, FitsCheck, check_image
 from warp_caustics.io.image_output import Output
+from warp_caustics.native_words import native_words
 
 
 def _openexr() -> Any:
@@ -74,9 +75,10 @@ def read_exr(path: Path, max_pixels: int, fits: FitsCheck | None = None) -> Deco
     """
     openexr = _openexr()
     name = repr(str(path))
+    said: list[str] = []
     try:
-        # The library reports damage on stdout before it raises.
-        with contextlib.redirect_stdout(io.StringIO()):
+        # The library reports damage on stdout and on standard error before it raises.
+        with native_words() as said, contextlib.redirect_stdout(io.StringIO()):
             with openexr.File(str(path), separate_channels=True, header_only=True) as file:
                 if len(file.parts) != 1 or file.parts[0].type() not in (openexr.scanlineimage, openexr.tiledimage):
                     raise InputError(f"{name} is a multi-part or deep EXR; export one flat image")
@@ -88,7 +90,8 @@ def read_exr(path: Path, max_pixels: int, fits: FitsCheck | None = None) -> Deco
     except CausticsError:
         raise
     except Exception as error:
-        raise DamagedDataError(f"{name}: EXR cannot be decoded ({reason(error)}); export it again") from error
+        why = reason(RuntimeError(said[0].rpartition(") ")[2])) if said else reason(error)
+        raise DamagedDataError(f"{name}: EXR cannot be decoded ({why}); export it again") from error
     notes = []
     lossy = (openexr.B44_COMPRESSION, openexr.B44A_COMPRESSION, openexr.DWAA_COMPRESSION, openexr.DWAB_COMPRESSION)
     if header.get("compression") in (*lossy, openexr.PXR24_COMPRESSION):

@@ -19,12 +19,15 @@ from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
 from warp_caustics.io.decoded import Decoded
 from warp_caustics.io.image_file import MAX_PIXELS, MAX_VALUES, Array, FitsCheck
 from warp_caustics.io.image_format import sniff_format
+from warp_caustics.io.solid import is_solid
 from warp_caustics.io.tiff import read_tiff
 
 MAX_HEIGHT_M = 0.1
 """Relief above 10 cm is no print but a unit mistake."""
 
 _KEY = "heights_m"
+_INSTEAD = "give heights in metres as NPY, NPZ, float TIFF or HDF5, or where lines are read a list (.csv, .yaml)"
+_INSTEAD_OF_SOLID = f"of solids nsfc inspect --nominal reads the top; {_INSTEAD}"
 _SUFFIXES = (".npy", ".npz", ".tif", ".tiff", ".h5", ".hdf5")
 
 
@@ -85,7 +88,7 @@ def read_heights(
     """
     path = regular_file(path)
     name = repr(str(path))
-    format_, _ = sniff_format(path)
+    format_, _ = sniff_format(path, _INSTEAD_OF_SOLID if is_solid(path) else _INSTEAD)
     if format_ not in ("npy", "npz", "tiff", "hdf5"):
         raise InputError(f"{name} is {format_}, which holds pictures; give heights as NPY, NPZ, float TIFF or HDF5")
     if dataset is not None and format_ not in ("npz", "hdf5"):

@@ -52,8 +52,15 @@ def _is_text(head: bytes) -> bool:
     return all(character.isprintable() or character.isspace() for character in text)
 
 
-def sniff_format(path: Path) -> tuple[str, list[str]]:
+INSTEAD_OF_IMAGE = "export a linear 16-bit TIFF or PNG, or give EXR, NPY, NPZ or HDF5"
+
+
+def sniff_format(path: Path, instead: str = INSTEAD_OF_IMAGE) -> tuple[str, list[str]]:
     """Format by the first bytes of a file, and a note where its suffix claims another.
+
+    Args:
+        path: of a regular file.
+        instead: what to give where the content is refused.
 
     Raises:
         InputError: the content is no format that keeps all bits.
@@ -62,7 +69,7 @@ def sniff_format(path: Path) -> tuple[str, list[str]]:
         head = stream.read(512)
     name = repr(str(path))
     if head.startswith((b"II*\0", b"MM\0*")) and head[8:10] == b"CR":
-        raise InputError(f"{name} is a raw camera file (CR2); export a 16-bit linear TIFF")
+        raise InputError(f"{name} is a raw camera file (CR2); {instead}")
     for magic, format_ in _MAGIC.items():
         if head.startswith(magic):
             claimed = _READ_SUFFIXES.get(path.suffix.lower(), format_)
@@ -73,4 +80,4 @@ def sniff_format(path: Path) -> tuple[str, list[str]]:
         refused = "HEIC, AVIF or a raw camera file"
     if refused is None:
         refused = "text" if _is_text(head) else "in none of the known formats"
-    raise InputError(f"{name} is {refused}; export a linear 16-bit TIFF or PNG, or give EXR, NPY, NPZ or HDF5")
+    raise InputError(f"{name} is {refused}; {instead}")

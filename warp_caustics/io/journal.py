@@ -69,7 +69,14 @@ def only_writer(path: Path, target: Path, *, keep: bool = False) -> Iterator[Jou
     descriptor = _locked(path, target)
     try:
         journal = Journal(descriptor)
-        journal.note({"before": journal.left} if journal.left else {})
+        try:
+            journal.note({"before": journal.left} if journal.left else {})
+        except OSError as error:
+            # What the last writer noted must stay; a file that says nothing need not.
+            if not journal.left and not keep:
+                with suppress(FileNotFoundError):
+                    os.unlink(path)
+            raise explained(error, path, 0) from error
         try:
             yield journal
         finally:

@@ -65,7 +65,10 @@ class Line:
         if not all(math.isfinite(number) for number in numbers):
             raise InputError(f"{self} has a value that is not finite; give metres")
         if self.width_m <= 0 or self.height_m < 0:
-            raise InputError(f"{self} needs a width above 0 and a height of at least 0")
+            raise InputError(
+                f"a line {self.width_m * 1e3:g} mm wide and {self.height_m * 1e3:g} mm high is none; give a width "
+                "above 0 and a height of at least 0"
+            )
 
 
 def section_height(t: FloatArray, family: Family, exponent: float, reach: float = 1.0) -> FloatArray:

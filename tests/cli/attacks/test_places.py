@@ -171,3 +171,14 @@ def test_inputs_within_the_result_that_is_replaced(commands, tmp_path, capsys):
         assert main([*line, *([] if role == "config" else ["--config", "small"])]) == 3, role
         assert "is in the output" in capsys.readouterr().err, role
         assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", [*FOLDERS, *FILES])
+def test_a_link_that_points_at_itself_is_no_place(commands, tmp_path, name, capsys):
+    """It exists neither as a file nor as a folder, and no folder can be made of it."""
+    out = tmp_path / ("loop" + (".tif" if name in FILES else ""))
+    out.symlink_to(out.name)
+    force = name not in NO_FORCE or name in FILES
+    assert attack(tmp_path, commands, name, out, force) == 3
+    error = capsys.readouterr().err
+    assert "loop" in error and "reached" not in error

@@ -15,7 +15,7 @@ from attack import genuine
 from cli.marker import MARKER, read_marker, strangers
 from cli.output import check_target, result_folder
 from cli.results import RECONSTRUCTION
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import InputError, MismatchError, ResourceError
 from warp_caustics.io import exchange
 from warp_caustics.io.journal import journal_path, only_writer
 
@@ -195,6 +195,27 @@ def test_many_writers_of_one_result(tmp_path):
     assert set(codes) <= {0, 5} and 0 in codes, codes
     assert len({(out / name).read_text() for name in RECONSTRUCTION.files}) == 1
     assert sorted(os.listdir(tmp_path)) == ["out"]
+
+
+def test_a_disk_without_room_for_the_journal_leaves_nothing(tmp_path, monkeypatch):
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    target = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with (
+            pytest.raises(ResourceError, match="No space left on device; .*; free space"),
+            only_writer(journal_path(target), target),
+        ):
+            pass
+        assert list(tmp_path.iterdir()) == []
+        # What a writer that was killed had noted is still told to the next one.
+        told = json.dumps({"pid": 1, "state": "writing", "folder": "x"})
+        journal_path(target).write_text(told + "\n")
+        with pytest.raises(ResourceError), only_writer(journal_path(target), target):
+            pass
+    assert journal_path(target).read_text() == told + "\n"
 
 
 def test_the_lock_file_of_a_target_is_kept_short(tmp_path):

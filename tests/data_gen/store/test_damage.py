@@ -226,9 +226,10 @@ def test_list_that_is_broken_is_named_and_written_again(small):
     whole = path.read_bytes()
     path.write_bytes(flipped(whole, random.Random(2)))
     assert "COMPLETE.json is damaged" in verify(small).problems[0].reason
-    with pytest.raises(DamagedDataError, match=r"COMPLETE.json"):
+    with pytest.raises(DamagedDataError, match=r"'.*': COMPLETE.json is damaged .*; build again to repair$"):
         CausticDataset(small)
-    assert build(small, CONFIG, factory()).shards_built == 0
+    built = build(small, CONFIG, factory())
+    assert built.shards_built == 0
     assert path.read_bytes() == whole
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch._utils import ExceptionWrapper
 
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.samples import UpdaterSampler, make_sampler
@@ -9,7 +10,7 @@ from data_gen.store import build
 from data_gen.store.reader import is_validation
 from nets.training.files import FileSource, StepSampler, data_fingerprint, reading_processes
 from nets.weights import load_weights
-from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.errors import DamagedDataError, InputError, MismatchError, ResourceError
 from warp_caustics.scene import Scene
 
 CPU = torch.device("cpu")
@@ -71,6 +72,45 @@ def test_batches_hold_the_samples_of_the_data_set(dataset, tiny_run, workers):
     validation = source.validation()
     assert sum(len(batch["heights"]) for batch in validation) == min(4, sum(map(is_validation, range(COUNT))))
     source.close()
+
+
+def failing(error):
+    raise error
+    yield
+
+
+def as_a_worker_tells_it(error):
+    """What torch makes of an error in a process of its loader."""
+    try:
+        raise error
+    except type(error):
+        told = ExceptionWrapper(where="in DataLoader worker process 0")
+    try:
+        told.reraise()
+    except type(error) as again:
+        return again
+
+
+def test_damage_that_a_reading_process_finds_is_told_in_one_line(dataset, tiny_run):
+    source = FileSource(tiny_run("updater", data=dataset[0], data_workers=0), CPU)
+    source.resume(0)
+    told = as_a_worker_tells_it(DamagedDataError("'00000.h5', sample 1: cannot be read (broken); build again"))
+    assert "Traceback" in str(told)
+    source.batches = failing(told)
+    with pytest.raises(DamagedDataError) as caught:
+        source.batch(0)
+    assert str(caught.value) == "'00000.h5', sample 1: cannot be read (broken); build again"
+
+
+def test_a_reading_process_that_was_killed_is_no_bug(dataset, tiny_run):
+    source = FileSource(tiny_run("updater", data=dataset[0], data_workers=0), CPU)
+    source.resume(0)
+    source.batches = failing(RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed. "))
+    with pytest.raises(ResourceError, match=r"want of memory; .*--set training\.data_workers=0$"):
+        source.batch(0)
+    source.batches = failing(RuntimeError("something else"))
+    with pytest.raises(RuntimeError, match="something else"):
+        source.batch(0)
 
 
 def test_half_of_the_cores_read_files(monkeypatch):

@@ -50,3 +50,19 @@ def test_disk_that_fails_at_any_step_leaves_a_whole_file(monkeypatch, tmp_path, 
     # The last steps sync the folder: the file has its new name then, but a power failure may take it back.
     assert (tmp_path / "file").read_bytes() == (b"new" if k == 2 else b"old")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("raised", "mend"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "free space"),
+        (OSError("Unable to flush file: No space left on device"), "free space"),
+        (OSError("1024 requested and 234 written"), r"free space or raise the limit of file sizes \(ulimit -f\)"),
+        (OSError(errno.EFBIG, "File too large"), r"raise the limit of file sizes \(ulimit -f\)"),
+        (OSError(errno.EMFILE, "Too many open files"), r"raise the limit of open files \(ulimit -n\)"),
+    ],
+)
+def test_what_the_machine_lacks_is_no_bug(tmp_path, raised, mend):
+    with pytest.raises(ResourceError, match=f"cannot write .*{mend}$"), atomic_path(tmp_path / "file"):
+        raise raised
+    assert not list(tmp_path.iterdir())

@@ -49,6 +49,16 @@ def test_exr_channels(tmp_path: Path) -> None:
     refusal(write({"Y": plane}, displayWindow=window), InputError, "display window")
 
 
+def test_damage_is_told_in_the_error_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The library's own lines, past Python, would stand beside the one line of the program."""
+    pytest.importorskip("OpenEXR")
+    write_image(tmp_path / "whole.exr", smooth_rgb())
+    content = (tmp_path / "whole.exr").read_bytes()
+    (tmp_path / "cut.exr").write_bytes(content[: len(content) // 2])
+    refusal(tmp_path / "cut.exr", DamagedDataError, "chunk")
+    assert capfd.readouterr() == ("", "")
+
+
 def test_exr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     (tmp_path / "x.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(99))

@@ -1,4 +1,4 @@
-"""Printed lines against closed forms and against the relief of the demo capture."""
+"""Printed lines against closed forms and against a relief that other software made of the demo's lines."""
 
 import math
 from pathlib import Path
@@ -11,16 +11,17 @@ from warp_caustics.errors import InputError
 from warp_caustics.prints.line import Line, line_profile, line_relief
 
 PLATE = (0.05, 0.05)
-EXAMPLES = Path(__file__).parents[3] / "examples" / "data"
-TRUE_HEIGHTS, PRINTED_LINES = EXAMPLES / "true_heights.npy", EXAMPLES / "printed_lines.csv"
+ROOT = Path(__file__).parents[3]
+PRINTED_LINES = ROOT / "examples" / "data" / "printed_lines.csv"
 
 
-def test_demo_relief_is_reproduced():
-    """The demo's heights, made by other software from the same lines, sampled at cell centres."""
+def test_relief_of_other_software_is_reproduced():
+    """Heights that came with another renderer's image, of the demo's lines at cell centres."""
     numbers = np.loadtxt(PRINTED_LINES, delimiter=",", skiprows=1).tolist()
     lines = [Line((x0, y0), (x1, y1), width, height) for x0, y0, x1, y1, width, height in numbers]
     relief = line_relief(lines, 128, PLATE, supersampling=1)
-    np.testing.assert_allclose(relief, np.load(TRUE_HEIGHTS), rtol=0, atol=1e-15)
+    theirs = np.load(ROOT / "tests" / "data" / "f_lines_trace.npz")["heights_m"]
+    np.testing.assert_allclose(relief, theirs, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ NAMES = "start_x_mm,start_y_mm,end_x_mm,end_y_mm,width_mm,height_um"
 
 
 def test_the_example_is_the_print():
-    lines = read_lines(EXAMPLES / "printed_lines.csv")
-    relief = line_relief(lines, 128, (0.05, 0.05), supersampling=1)
+    """As whoever reads the list gets it: means over cells."""
+    relief = line_relief(read_lines(EXAMPLES / "printed_lines.csv"), 128, (0.05, 0.05))
     np.testing.assert_allclose(relief, np.load(EXAMPLES / "true_heights.npy"), atol=1e-12)
 
 
@@ -86,7 +86,7 @@ def test_nothing_is_given_twice(tmp_path, name, text, message):
         ("a.csv", NAMES.replace(",height_um", "") + "\n0,0,1,1,1\n", "height missing; give each with a unit"),
         ("a.csv", NAMES.replace("height_um", "width_m") + "\n0,0,1,1,1,1\n", "width is given twice"),
         ("a.csv", NAMES.replace("mm", "m") + "\n-10,0,10,2,1,300\n", "above 1 m; check the units"),
-        ("a.csv", NAMES + "\n0,0,1,1,0,300\n", "needs a width above 0"),
+        ("a.csv", NAMES + "\n0,0,1,1,0,300\n", "a line 0 mm wide and 0.3 mm high is none; give a width above 0"),
         ("a.csv", NAMES.replace(",", ";") + "\n0;0;1,5;1;1;300\n", "separates its columns by ';'; use ','"),
         ("a.csv", NAMES.replace(",", "\t") + "\n0\t0\t1\t1\t1\t300\n", "separates its columns by '\\t'; use ','"),
         ("a.csv", NAMES + "\n0,0,1,1,1," + 5000 * "9" + "\n", "999..., not a finite number; write for example 1.5"),
