@@ -115,7 +115,8 @@ class FreeOfCamera(Free):
 
 @pytest.fixture(scope="module")
 def method():
-    return FromNominal(SCENE, FromNominalOptions(coarse_iterations=0, iterations=3, step_m=1e-6))
+    plain = {"causes": False, "bench_uncertainty": False}
+    return FromNominal(SCENE, FromNominalOptions(coarse_iterations=0, iterations=3, step_m=1e-6, **plain))
 
 
 @pytest.mark.parametrize(
