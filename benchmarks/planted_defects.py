@@ -2,7 +2,8 @@
 
 Printed with 10 um of noise in height and 20 um in place. A plate has no defect or one: a fibre that is missing, lower
 by 0.3 mm, displaced by 1 mm, half as wide again, or one that nobody designed. The fibre is one of some size: 8 mm long,
-0.6 mm wide, 0.2 mm high; one that is to be lower is 0.5 mm high.
+0.6 mm wide, 0.2 mm high; one that is to be lower is 0.5 mm high and 1.5 mm wide, since steep ones may be lower by much
+within their zone.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,9 @@ from warp_caustics.prints.line import Line, moved_across
 HEIGHT_NOISE_M, PLACE_NOISE_M = 10e-6, 20e-6
 DEFECTS = ("missing", "too low", "displaced", "extra", "too wide")
 LACK_M, SHIFT_M, WIDER = 3e-4, 1e-3, 1.5
-LENGTH_M, WIDTH_M, HEIGHT_M, HIGH_M = 8e-3, 6e-4, 2e-4, 5e-4
-"""Least size of a fibre that is wrong; the last is the height of one that is to be lower."""
+LENGTH_M, WIDTH_M, HEIGHT_M = 8e-3, 6e-4, 2e-4
+WIDE_M, HIGH_M = 1.5e-3, 5e-4
+"""Least size of a fibre that is wrong; the last two of one that is to be lower."""
 NEAR_M = 1e-3
 """A defect counts as located where a finding is so near."""
 
@@ -61,7 +63,8 @@ def printed_plate(rng: np.random.Generator, defect: str | None) -> PrintedPlate:
             if fibre is not None:
                 return PrintedPlate(designed, [*printed, fibre], defect, 0, (fibre,))
             continue
-        clear = [k for k, line in enumerate(designed) if _is_of_size(line, HIGH_M if defect == "too low" else HEIGHT_M)]
+        least = (WIDE_M, HIGH_M) if defect == "too low" else (WIDTH_M, HEIGHT_M)
+        clear = [k for k, line in enumerate(designed) if _is_of_size(line, *least)]
         if not clear:
             continue
         k = clear[int(rng.integers(len(clear)))]
@@ -78,9 +81,9 @@ def _as_printed(line: Line, rng: np.random.Generator) -> Line:
     return Line(start, end, line.width_m, max(0.0, line.height_m + float(rng.normal(0, HEIGHT_NOISE_M))))
 
 
-def _is_of_size(line: Line, height_m: float = HEIGHT_M) -> bool:
+def _is_of_size(line: Line, width_m: float = WIDTH_M, height_m: float = HEIGHT_M) -> bool:
     length = np.hypot(*np.subtract(line.start_m, line.end_m))
-    return bool(length > LENGTH_M and line.height_m > height_m and line.width_m > WIDTH_M)
+    return bool(length > LENGTH_M and line.height_m > height_m and line.width_m > width_m)
 
 
 def _with(line: Line, defect: str) -> Line:

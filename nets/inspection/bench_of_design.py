@@ -79,7 +79,7 @@ def bench_of_design(
     best, at, view = None, Bench.told(numbers), told
     for _ in range(ROUNDS):
         image, blur_px = seen_on(told.image, numbers, at), view.blur_px
-        lossy = with_losses(view.scene, partial(_misfit, image, lines, told, blur_px))
+        lossy = with_losses(view.scene, partial(_misfit, image, lines, told, blur_px), both=True)
         numbers = dataclasses.replace(numbers, scene=numbers.scene.model_copy(update=effects_of(lossy)))
         pixels = usual_pixels(told.scene)
         together = BenchOfLines(numbers, told.image, told.model, pixels, blur_px, report=report)

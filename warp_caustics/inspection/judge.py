@@ -1,5 +1,6 @@
 """A plate judged by its design, from the relief that was measured: zone, regions, fibres, verdict."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -64,15 +65,16 @@ def judge_plate(
     if fitted is not None and nominal.lines and len(fitted) != len(nominal.lines):
         raise InputError(f"{len(fitted)} fitted lines for {len(nominal.lines)} of the design; give one for each")
     place: Place | None = None
+    gain = 0.0
     told: tuple[str, ...] = ()
     if not is_placed and _can_be_placed(heights_m, nominal, scene, mask):
-        found = _place_of(heights_m, nominal, scene, sigma_m, mask)
-        place, told = found, _told_of(found.significant(), nominal)
-        nominal = moved_design(nominal, found.significant(), scene)
+        place = _place_of(heights_m, nominal, scene, sigma_m, mask)
+        sure = place.significant()
+        gain, told = abs(sure.gain), _told_of(sure, nominal)
+        nominal = moved_design(nominal, sure, scene)
         fitted = None if fitted is None else tuple(map(_against, fitted, nominal.lines))
-        gain = found.significant().gain
         if gain:
-            sigma_m = np.hypot(0.0 if sigma_m is None else sigma_m, abs(gain) / COVERAGE_FACTOR * nominal.relief_m)
+            sigma_m = np.hypot(0.0 if sigma_m is None else sigma_m, gain / COVERAGE_FACTOR * nominal.relief_m)
     compared = partial(
         inspect_plate,
         heights_m,
@@ -93,6 +95,8 @@ def judge_plate(
     if fitted is None:
         sigma = UNKNOWN_SIGMA_M + 0 * heights_m if sigma_m is None else sigma_m
         fitted = fit_design(LineModel(scene, section), lines, heights_m, sigma)
+    if gain:
+        fitted = [_unsure_by(gain / COVERAGE_FACTOR, fit, line) for fit, line in zip(fitted, lines, strict=True)]
     fibres = fibre_findings(
         lines,
         fitted,
@@ -134,6 +138,11 @@ def _told_of(place: Place, nominal: Nominal) -> tuple[str, ...]:
         "gap, base or index other than told, or by the print: up to so much, nothing is shown to be in or out of "
         "tolerance; measure the bench, or take reconstruction.options.set_up=estimate",
     )
+
+
+def _unsure_by(share: float, fit: FittedLine, line: Line) -> FittedLine:
+    """A fitted line whose height may be off by a share of the designed one."""
+    return replace(fit, height_std_m=math.hypot(fit.height_std_m, share * line.height_m))
 
 
 def _against(fit: FittedLine, line: Line) -> FittedLine:
