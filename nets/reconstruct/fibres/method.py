@@ -101,7 +101,9 @@ class Fibres(Reconstructor):
         plain = DirectOptions(**(of_direct | {"set_up": "known"}))
         self.network = Direct(
             scene,
-            plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False}),
+            plain.model_copy(
+                update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False, "samples": 0}
+            ),
             device,
         )
         self.device = self.network.device
