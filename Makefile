@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu bench-peer bench-lab train-weights clean
+.PHONY: help venv demo test lint types pytest docs accuracy bench bench-gpu bench-peer bench-scale bench-lab train-weights clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-14s %s\n", $$1, $$2}'
@@ -58,6 +58,9 @@ bench-gpu: $(STAMP) ## the same on a GPU
 
 bench-peer: $(STAMP) ## beside a tracer in Dr.Jit, which is installed below build/ (PEER_OPTIONS='--device cuda')
 	$(BIN)/python -m benchmarks.peer --json benchmarks/peer.json $(PEER_OPTIONS)
+
+bench-scale: $(STAMP) ## time and memory against photons, pixels and height samples, on this CPU
+	$(BIN)/python -m benchmarks.scale --json benchmarks/scale_cpu.json
 
 SUITES := ideal one-thing lab prints
 BENCH_METHODS ?= flat,direct,auto

@@ -3,7 +3,8 @@
 Scene: f_lines of tests/data, 128 x 128 heights, 512 x 512 pixels, 3 wavelengths, float32. M is the relative
 RMSE of the image against another renderer, both blurred by a Gaussian of 1 px, 12 border pixels left out. Times are
 wall times of whole calls per image, Python and launches included: median of the repeats, and the spread between
-the 10 % and 90 % quantiles. G px/s: pixels covered by footprints, forward.
+the 10 % and 90 % quantiles. Image and gradient by torch's backward, and recorded as one with a weighted sum of the
+pixels as objective. G px/s: pixels covered by footprints, forward.
 
     python -m benchmarks.speed [--device cuda] [--quick] [--json FILE]
 """
@@ -26,6 +27,7 @@ from warp_caustics import CausticSimulator
 from warp_caustics.kernels.footprint import BOX_VARIANCE
 from warp_caustics.kernels.profiles import REACH
 from warp_caustics.photons import Chunk
+from warp_caustics.recorded_gradient import RecordedGradient
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ def measure(case: Case, device: str, repeats: int) -> dict[str, Any]:
         leaf = heights.clone().requires_grad_()
         simulator(leaf).backward(weights)
 
+    recorded = RecordedGradient(simulator, lambda seen, _: (weights[0] * seen).sum())
     if device.startswith("cuda"):
         torch.cuda.reset_peak_memory_stats()
     record: dict[str, Any] = {
@@ -88,6 +91,8 @@ def measure(case: Case, device: str, repeats: int) -> dict[str, Any]:
         "forward": spread(seconds(lambda: simulator(heights), device, repeats), case.batch),
         "both": spread(seconds(both, device, repeats), case.batch),
     }
+    if case.batch == 1:
+        record["recorded"] = spread(seconds(lambda: recorded(heights[0]), device, repeats), 1)
     if device.startswith("cuda"):
         record["peak_GB"] = torch.cuda.max_memory_allocated() / 2**30
     updates = pixel_updates(simulator)
@@ -168,8 +173,8 @@ def main() -> None:
     repeats = 30 if on_gpu else 7
     name = torch.cuda.get_device_name() if on_gpu else f"CPU, {torch.get_num_threads()} threads"
     print(name)
-    titles = ("preset", "photons", "batch", "M %", "forward ms", "forward + adjoint ms", "GB", "G px/s")
-    print("{:<8} {:>9} {:>5} {:>7} {:>22} {:>24} {:>6} {:>7}".format(*titles))
+    titles = ("preset", "photons", "batch", "M %", "forward ms", "forward + adjoint ms", "recorded ms", "GB", "G px/s")
+    print("{:<8} {:>9} {:>5} {:>7} {:>22} {:>24} {:>11} {:>6} {:>7}".format(*titles))
     records = []
     for case in cases:
         record = measure(case, device, repeats if case.batch == 1 else 2 if case == LARGEST else 5)
@@ -180,7 +185,8 @@ def main() -> None:
         )
         print(
             f"{case.preset:<8} {record['n_photons']:>9} {case.batch:>5} {100 * record['M']:>7.3f} "
-            f"{forward:>22} {both:>24} {record.get('peak_GB', 0):>6.2f} "
+            f"{forward:>22} {both:>24} {record.get('recorded', {}).get('median_ms', 0):>11.3f} "
+            f"{record.get('peak_GB', 0):>6.2f} "
             f"{record['pixel_updates_per_s'] / 1e9:>7.2f}",
             flush=True,
         )

@@ -80,8 +80,14 @@ def data_gradient(
     """
     engine, relief = simulator.engine, heights.detach()
     single = relief.to(simulator.dtype)[None].contiguous()
+    # Recorded as one, image and gradient share the spline; a call by itself goes through graphs of either.
+    coefficients = None
     with torch.no_grad():
-        image = simulator(single) if is_checked else engine.image(single)
+        if is_checked:
+            image = simulator(single)
+        else:
+            coefficients = engine.coefficients(single)
+            image = engine.image_of(coefficients)
     image.requires_grad_()
     leaf = relief.clone().requires_grad_()
     with torch.enable_grad():
@@ -89,7 +95,12 @@ def data_gradient(
         value = objective(seen, leaf)
         for_image, for_leaf = torch.autograd.grad(value, (image, leaf), allow_unused=True)
     with torch.no_grad():
-        gradient = engine.image_adjoint(single, for_image.contiguous())[0].to(relief.dtype)
+        for_image = for_image.contiguous()
+        if coefficients is None:
+            found = engine.image_adjoint(single, for_image)
+        else:
+            found = engine.adjoint_of(coefficients, for_image)
+        gradient = found[0].to(relief.dtype)
         if for_leaf is not None:
             gradient = gradient + for_leaf
     return DataGradient(value.detach(), seen.detach(), gradient)

@@ -21,7 +21,7 @@ import warp as wp
 from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array, warp_stream
 from warp_caustics.cuda_graph import Replays
 from warp_caustics.fused import FusedPhotons
-from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
+from warp_caustics.height_field import MARGIN
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.kernels.second_hits import second_hits_kernel
@@ -32,7 +32,9 @@ from warp_caustics.landings import Landings
 from warp_caustics.lattice_rows import LatticeRows
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan, sorted_by_cell
+from warp_caustics.relief_bounds import bounds_of
 from warp_caustics.scene import Profile, Scene
+from warp_caustics.spline_stage import SplineStage
 
 MAX_GRAPH_PHOTONS = 2**22
 """Simulations of at most so many photons, over the batch, are replayed as CUDA graphs."""
@@ -62,14 +64,14 @@ class Engine:
         start_warp()
         self.warp_device = wp.device_from_torch(device)
         self.warp_dtype = dtype_of(torch.finfo(dtype).bits)
-        self.prefilter = self._tensor(prefilter_matrix(scene.height_samples))
-        self._prefilter_transposed = self.prefilter.T.contiguous()
+        self.spline = SplineStage(plan, self._tensor)
         self.optics = Optics([scene], plan, smoothing, profile, device, dtype)
         self._positions: dict[Chunk, torch.Tensor] = {}
         self._photons: dict[tuple[int, int], Any] = {}
         self._axes: dict[Chunk, torch.Tensor] = {}
         self._lattices: dict[Chunk, Any] = {}
         self._replays = Replays()
+        self._least, self._most = self._tensor(-0.999 * scene.base_thickness_m), self._tensor(1.0)
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -85,7 +87,7 @@ class Engine:
         Spline matrices and starting points of photons are shared.
         """
         if self.plan.placement == "lattice":
-            _ = self._lattice_matrices, self.rows  # made once, and by the first
+            _ = self.rows  # made once, and by the first
         other = copy.copy(self)
         for name in ("in_double_precision", "fused", "tracer"):
             other.__dict__.pop(name, None)
@@ -117,31 +119,24 @@ class Engine:
 
     # -- the linear stage -------------------------------------------------------------------------------------
 
+    @property
+    def prefilter(self) -> torch.Tensor:
+        """From height samples to spline coefficients along one axis, shape [n + 4, n]."""
+        return self.spline.prefilter
+
     def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
         """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
-        if self.rows is not None:
-            return self.rows.filtered(heights, self.prefilter, self._prefilter_transposed, self.optics)
-        return self.prefilter @ heights @ self.prefilter.T
+        spline = self.spline
+        if self.rows is not None and not spline.by_blocks:
+            return self.rows.filtered(heights, spline.prefilter, spline.prefilter_transposed, self.optics)
+        return spline.coefficients(heights)
 
     def coefficients_adjoint(self, grad: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`coefficients`."""
-        if self.rows is not None:
-            return self.rows.filtered(grad, self._prefilter_transposed, self.prefilter, self.optics)
-        return self.prefilter.T @ grad @ self.prefilter
-
-    @cached_property
-    def _lattice_matrices(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """From coefficients to each of the six maps: along y [6, rows, n + 4], along x [6, columns, n + 4]."""
-        n = self.scene.height_samples
-        stacks = []
-        for positions, length, orders in (
-            (self.plan.grid_y, self.scene.plate_size_m[1], (0, 0, 1, 0, 1, 2)),
-            (self.plan.grid_x, self.scene.plate_size_m[0], (0, 1, 0, 2, 1, 0)),
-        ):
-            u = sample_coordinate(positions, n, length)
-            matrices = [self._tensor(basis_matrix(n, u, k) * (n / length) ** k) for k in range(3)]
-            stacks.append(torch.stack([matrices[k] for k in orders]))
-        return stacks[0], stacks[1]
+        spline = self.spline
+        if self.rows is not None and not spline.by_blocks:
+            return self.rows.filtered(grad, spline.prefilter_transposed, spline.prefilter, self.optics)
+        return spline.coefficients_adjoint(grad)
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk, positions: torch.Tensor) -> torch.Tensor:
         """Surface maps [B, 6, N] (MAP_NAMES) of a chunk of photons."""
@@ -156,10 +151,7 @@ class Engine:
                 device=self.warp_device,
             )
             return maps
-        along_y, along_x = self._lattice_matrices
-        along_y = along_y[:, chunk.first_row : chunk.first_row + chunk.rows]
-        maps = along_y @ coefficients[:, None] @ along_x.transpose(1, 2)
-        return maps.reshape(batch, len(MAP_NAMES), chunk.count)
+        return self.spline.maps(coefficients, chunk).reshape(batch, len(MAP_NAMES), chunk.count)
 
     def maps_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_maps: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
@@ -176,11 +168,8 @@ class Engine:
                 device=self.warp_device,
             )
             return grad
-        along_y, along_x = self._lattice_matrices
-        along_y = along_y[:, chunk.first_row : chunk.first_row + chunk.rows]
         planes = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
-        # The sum over the six planes is part of the second product.
-        return along_y.flatten(0, 1).T @ (planes @ along_x).flatten(1, 2)
+        return self.spline.maps_adjoint(planes, chunk)
 
     # -- trace and splat --------------------------------------------------------------------------------------
 
@@ -194,17 +183,11 @@ class Engine:
         """
         batch = coefficients.shape[0]
         clear = torch.empty(batch, self.scene.n_wavelengths, photons.count, dtype=torch.uint8, device=self.device)
-        pitch_x, pitch_y = self.scene.sample_pitch_m
-        # A spline lies between its coefficients, its slope between their differences.
-        lowest = coefficients.amin((1, 2))
-        slopes = (
-            coefficients.diff(dim=2).abs().amax((1, 2)) / pitch_x,
-            coefficients.diff(dim=1).abs().amax((1, 2)) / pitch_y,
-        )
+        bounds = bounds_of(coefficients, self.scene.sample_pitch_m)
         wp.launch(
             second_hits_kernel(self.warp_dtype, is_lattice, self.optics.effects),
             dim=(batch, photons.count),
-            inputs=[warp_array(coefficients), photons, warp_array(lowest), warp_array(torch.hypot(*slopes))],
+            inputs=[warp_array(coefficients), photons, warp_array(bounds)],
             outputs=[warp_array(clear)],
             device=self.warp_device,
             record_tape=False,
@@ -309,6 +292,8 @@ class Engine:
             if chunk not in self._axes:
                 self._axes[chunk] = self.plan.axes(chunk, self.dtype, self.device)
             self._lattices[chunk] = self.optics.photons(self._axes[chunk], chunk.count, self.plan.columns)
+        if self.rows is not None:
+            return self._lattices[chunk]  # rows look for lost paths themselves
         return self.told(coefficients, self._lattices[chunk], is_lattice=True)
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
@@ -326,14 +311,20 @@ class Engine:
         planes = len(MAP_NAMES) + self.scene.n_wavelengths
         return batch * planes * self.dtype.itemsize
 
-    def image(self, heights: torch.Tensor) -> torch.Tensor:
-        """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m]."""
-        return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
+    def image(self, heights: torch.Tensor, *, is_guarded: bool = False) -> torch.Tensor:
+        """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m].
+
+        Args:
+            heights: possible ones; of those that are not, if ``is_guarded``, comes an image that means nothing.
+            is_guarded: whether they may be no numbers, or lower than the plate is thick.
+        """
+        call = self._guarded_image if is_guarded else self._image
+        return self._replays(call.__name__, call, heights) if self._is_small(heights) else call(heights)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
         if self._is_small(heights):
-            return self._replays("adjoint", self._image_adjoint, heights, grad_image)
+            return self._replays("_image_adjoint", self._image_adjoint, heights, grad_image)
         return self._image_adjoint(heights, grad_image)
 
     def _is_small(self, heights: torch.Tensor) -> bool:
@@ -341,7 +332,17 @@ class Engine:
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
     def _image(self, heights: torch.Tensor) -> torch.Tensor:
-        coefficients = self.coefficients(heights)
+        return self.image_of(self.coefficients(heights))
+
+    def _guarded_image(self, heights: torch.Tensor) -> torch.Tensor:
+        """The same of heights that may be anything: kernels are not told what is no number."""
+        return self._image(heights.fmax(self._least).fmin(self._most))
+
+    def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        return self.adjoint_of(self.coefficients(heights), grad_image)
+
+    def image_of(self, coefficients: torch.Tensor) -> torch.Tensor:
+        """Irradiance [B, n_w, m, m] [W/m^2] of :meth:`coefficients`; launches one by one."""
         if self.rows is not None:
             return self.rows.image(coefficients, self.fused_photons, self.optics)
         fused = self.fused
@@ -349,10 +350,10 @@ class Engine:
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        return fused.unpacked(self._sum(fused.image_shape(heights.shape[0]), add))
+        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add))
 
-    def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
-        coefficients = self.coefficients(heights)
+    def adjoint_of(self, coefficients: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
+        """Gradient [B, n, n] with respect to the heights whose :meth:`coefficients` these are; likewise."""
         if self.rows is not None:
             grad = self.rows.image_adjoint(coefficients, self.fused_photons, self.optics, grad_image)
             return self.coefficients_adjoint(grad)

@@ -45,7 +45,7 @@ class FusedPhotons:
         width: wavelengths added together: on GPUs all of two to four in float32, otherwise 1.
         lanes, adjoint_lanes: threads that share a footprint.
         max_blocks: room on the list of deferred blocks.
-        in_blocks: ``kernels/blocks.py`` instead, for light from straight above on a CPU.
+        in_blocks: ``kernels/blocks.py`` instead, on a CPU.
     """
 
     def __init__(self, optics: Optics, plan: PhotonPlan, device: torch.device, dtype: torch.dtype, profile: Profile):
@@ -63,7 +63,7 @@ class FusedPhotons:
         self.lanes = WIDE_LANES if is_shared and self.width == 1 else 1
         self.adjoint_lanes = WIDE_ADJOINT_LANES if is_shared else 1
         self.max_blocks = MAX_BLOCKS
-        self.in_blocks = device.type == "cpu" and plan.placement != "lattice" and optics.effects.is_straight
+        self.in_blocks = device.type == "cpu" and plan.placement != "lattice"
 
     def image_shape(self, batch: int) -> tuple[int, ...]:
         """Shape of the sums that :meth:`splat` adds to."""

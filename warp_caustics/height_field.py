@@ -21,22 +21,28 @@ MARGIN = 2
 """Coefficients kept beyond the samples on either side."""
 
 _POLE = math.sqrt(3.0) - 2.0
-# The prefilter decays by 0.27 per sample: 40 samples of edge extension leave 1e-23 of the edge value.
-_EXTENSION = 40
+
+PREFILTER_REACH = 40
+"""The prefilter decays by 0.27 per sample: at 40 samples, or with 40 of edge extension, 1e-23 is left."""
 
 
-def prefilter_matrix(n: int) -> FloatArray:
-    """Matrix from height samples to spline coefficients along one axis, shape [n + 4, n].
+def prefilter_matrix(n: int, first: int = 0, last: int | None = None) -> FloatArray:
+    """Matrix from height samples to spline coefficients along one axis, shape [n + 4, n], or some of its rows.
 
     The inverse of the sampled cubic B-spline (1, 4, 1)/6 has the impulse
     response sqrt(3) z^|k| with z = sqrt(3) - 2 (Unser, IEEE Signal Processing
     Magazine 16(6), 22 (1999), box 2); edge extension folds its tails onto the
     outermost samples.
+
+    Args:
+        n: number of samples along the axis.
+        first: of these rows.
+        last: before which they end; None for all.
     """
-    rows = np.arange(-MARGIN, n + MARGIN)
-    columns = np.arange(-MARGIN - _EXTENSION, n + MARGIN + _EXTENSION)
+    rows = np.arange(n + 2 * MARGIN)[first:last] - MARGIN
+    columns = np.arange(rows[0] - PREFILTER_REACH, rows[-1] + PREFILTER_REACH + 1)
     response = math.sqrt(3.0) * _POLE ** np.abs(rows[:, None] - columns[None, :])
-    folded = np.zeros((n + 2 * MARGIN, n))
+    folded = np.zeros((len(rows), n))
     np.add.at(folded.T, np.clip(columns, 0, n - 1), response.T)
     return folded
 

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from warp_caustics.chunked import MIN_CHUNK_PHOTONS, on_all_cores, warp_array
-from warp_caustics.height_field import sample_coordinate
+from warp_caustics.height_field import PREFILTER_REACH, sample_coordinate
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.row_refraction import PLANES
 from warp_caustics.kernels.row_surface import CELL_PLANES
@@ -16,6 +16,7 @@ from warp_caustics.kernels.rows import row_adjoint_kernel, row_kernels
 from warp_caustics.kernels.vectors import LANES
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan
+from warp_caustics.relief_bounds import bounds_of
 
 PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
 """Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
@@ -45,6 +46,7 @@ class LatticeRows:
         self._first_photon = torch.from_numpy(first.astype(np.int32))
         rows = max(-(-plan.rows // STRIPS), -(-MIN_CHUNK_PHOTONS // plan.columns))
         self._strips = list(plan.chunks(rows * plan.columns))
+        self._taps = [_taps_of(strip, plan) for strip in self._strips]
 
     def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m].
@@ -61,13 +63,16 @@ class LatticeRows:
         image = _zeros(len(coefficients), channels, m, m, dtype=self._dtype)
         done = 0
         for group in groups:
+            bounds = _bounds(group, optics)
 
-            def add(strip: Chunk, group: torch.Tensor = group) -> tuple[torch.Tensor, torch.Tensor]:
+            def add(
+                strip: Chunk, group: torch.Tensor = group, bounds: torch.Tensor = bounds
+            ) -> tuple[torch.Tensor, torch.Tensor]:
                 # Rows of pixels are set to zero by whoever comes to them first.
                 part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
                 rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
                 outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
-                self._launch(kernel, group, photons_of(strip, group), [], outputs)
+                self._launch(kernel, group, photons_of(strip, group), [warp_array(bounds)], outputs)
                 return part, rows
 
             # By NumPy: torch's threads would wait for the next sum on the cores that compute it.
@@ -83,23 +88,29 @@ class LatticeRows:
     ) -> torch.Tensor:
         """Gradient of the coefficients from that of the image, in shapes of :meth:`image`."""
         kernel = row_adjoint_kernel(self._kind, optics.effects)
+        bounds = _bounds(coefficients, optics)
 
         def add(strip: Chunk) -> torch.Tensor:
             part = _zeros(*coefficients.shape, dtype=self._dtype)
             photons = photons_of(strip, coefficients)
-            self._launch(kernel, coefficients, photons, [warp_array(grad_image)], [warp_array(part)])
+            inputs = [warp_array(grad_image), warp_array(bounds)]
+            self._launch(kernel, coefficients, photons, inputs, [warp_array(part)])
             return part
 
         parts = on_all_cores(add, self._strips)
         total = next(parts)
-        for part in parts:
-            total.numpy()[...] += part.numpy()
+        # What nobody has written need not be read: memory of zeros is made where it is first looked at.
+        for part, taps in zip(parts, self._taps[1:], strict=True):
+            total.numpy()[:, taps] += part.numpy()[:, taps]
         return total
 
     def filtered(
         self, planes: torch.Tensor, matrix: torch.Tensor, transposed: torch.Tensor, optics: Optics
     ) -> torch.Tensor:
-        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose."""
+        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R], which is contiguous and the matrix's transpose.
+
+        The matrix is the spline's prefilter or its transpose: what lies beyond its reach is not looked at.
+        """
         rows, inner = matrix.shape
         found = torch.empty(len(planes), rows, rows, dtype=self._dtype)
         wp.launch(
@@ -107,6 +118,7 @@ class LatticeRows:
             dim=len(planes),
             inputs=[
                 *(warp_array(array) for array in (matrix, transposed, planes.contiguous())),
+                PREFILTER_REACH,
                 warp_array(torch.empty(inner, dtype=self._dtype)),
             ],
             outputs=[warp_array(found)],
@@ -137,6 +149,21 @@ class LatticeRows:
             outputs=outputs,
             device="cpu",
         )
+
+
+def _taps_of(strip: Chunk, plan: PhotonPlan) -> slice:
+    """Rows of coefficients that a strip's photons lie between, and one more on either side for rounding."""
+    n = plan.scene.height_samples
+    y = plan.grid_y[[strip.first_row, strip.first_row + strip.rows - 1]]
+    low, high = np.clip(np.floor(sample_coordinate(y, n, plan.scene.plate_size_m[1])).astype(int), -1, n - 1)
+    return slice(max(0, low), high + 6)
+
+
+def _bounds(coefficients: torch.Tensor, optics: Optics) -> torch.Tensor:
+    """What a kernel that follows paths through the relief asks for."""
+    if not optics.effects.second_hits:
+        return coefficients.new_empty(0, 2)
+    return bounds_of(coefficients, optics.scene.sample_pitch_m)
 
 
 def _zeros(*shape: int, dtype: torch.dtype) -> torch.Tensor:

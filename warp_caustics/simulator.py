@@ -27,7 +27,8 @@ class _Simulate(torch.autograd.Function):
     def forward(ctx: Any, heights: torch.Tensor, engine: Engine) -> torch.Tensor:
         ctx.save_for_backward(heights)
         ctx.engine = engine
-        return engine.image(heights.detach().contiguous())
+        # A GPU simulates while the host learns what the heights are.
+        return engine.image(heights.detach().contiguous(), is_guarded=heights.is_cuda)
 
     @staticmethod
     @once_differentiable
@@ -111,11 +112,16 @@ class CausticSimulator:
             InputError: wrong shape, dtype or device, or heights that are not finite.
             ResourceError: the GPU's memory is too small; says which batch would fit.
         """
-        batch = self._checked(heights)
+        batch = self._shaped(heights)
+        extremes = Extremes(batch)
+        if self.device.type == "cpu":
+            self._check_heights(heights, extremes)
         try:
             image: torch.Tensor = _Simulate.apply(batch, self.engine)  # type: ignore[no-untyped-call]
         except torch.OutOfMemoryError as error:
             raise ResourceError(self._memory_advice(len(batch))) from error
+        if self.device.type == "cuda":
+            self._check_heights(heights, extremes)
         return image if heights.ndim == 3 else image[0]
 
     def reseed(self, seed: int, role: str = "") -> None:
@@ -153,7 +159,7 @@ class CausticSimulator:
             "dtype": str(self.dtype).removeprefix("torch."),
         }
 
-    def _checked(self, heights: torch.Tensor) -> torch.Tensor:
+    def _shaped(self, heights: torch.Tensor) -> torch.Tensor:
         n = self.scene.height_samples
         if not isinstance(heights, torch.Tensor):
             raise InputError(f"heights are a {type(heights).__name__}; give a torch tensor (torch.from_numpy)")
@@ -166,8 +172,11 @@ class CausticSimulator:
             raise InputError(f"heights are {heights.dtype}, the simulator {self.dtype}; convert with .to({self.dtype})")
         if heights.device.type != self.device.type:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
-        # A GPU is waited for once; a height that is not a number is both the lowest and the highest.
-        lowest, highest = torch.stack(torch.aminmax(heights.detach())).tolist()
+        return heights if heights.ndim == 3 else heights[None]
+
+    def _check_heights(self, heights: torch.Tensor, extremes: "Extremes") -> None:
+        """Refuse heights that cannot be simulated."""
+        lowest, highest = extremes.read()
         if not (math.isfinite(lowest) and math.isfinite(highest)):
             where = (~torch.isfinite(heights)).nonzero()[0].tolist()
             raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")
@@ -176,7 +185,30 @@ class CausticSimulator:
                 f"height {lowest:g} m cuts through the plate of {self.scene.base_thickness_m:g} m; "
                 "heights are above the base, in metres"
             )
-        return heights if heights.ndim == 3 else heights[None]
+
+
+class Extremes:
+    """Lowest and highest of some heights, which a GPU finds and copies to the host while this one goes on.
+
+    Args:
+        heights: of any shape; a height that is not a number is both the lowest and the highest.
+    """
+
+    def __init__(self, heights: torch.Tensor):
+        pair = torch.stack(torch.aminmax(heights.detach()))
+        self._found, self._is_there = pair, None
+        if heights.is_cuda:
+            self._found = torch.empty(2, dtype=heights.dtype, pin_memory=True)
+            self._found.copy_(pair, non_blocking=True)
+            self._is_there = torch.cuda.Event()
+            self._is_there.record(torch.cuda.current_stream(heights.device))
+
+    def read(self) -> tuple[float, float]:
+        """Both, as soon as they are there."""
+        if self._is_there is not None:
+            self._is_there.synchronize()
+        lowest, highest = self._found.tolist()
+        return lowest, highest
 
 
 def usable_device(device: str | torch.device) -> torch.device:

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import pydantic
 import torch
 
-from nets.reconstruct.direct import BENCH_OPTIONS, DirectOptions
+from nets.reconstruct.direct import BENCH_OPTIONS
+from nets.reconstruct.fibres.options import FibresOptions
 from nets.shipped import shipped_weights
 from warp_caustics.errors import CausticsError, InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
@@ -30,6 +31,9 @@ Plan = Literal["refine", "direct", "fibres", "transport+refine"]
 NETWORKED = ("direct", "fibres")
 """Plans whose methods ask a network, and take options about the bench."""
 
+LEFT_ALONE = 25
+"""Lines from which on a CPU leaves them to ``direct``: fewer take it some ten to sixty seconds, more take minutes."""
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -39,7 +43,9 @@ class Choice:
     why: str
 
 
-def choose(has_start: bool, has_folds: bool, refusal: str | None, device_type: str = "cpu") -> Choice:
+def choose(
+    has_start: bool, has_folds: bool, refusal: str | None, device_type: str = "cpu", *, is_timed: bool = False
+) -> Choice:
     """The plan for an image.
 
     Args:
@@ -47,17 +53,18 @@ def choose(has_start: bool, has_folds: bool, refusal: str | None, device_type: s
         has_folds: light paths cross, by the brightness of the image.
         refusal: why no direct network can be used; None if one can.
         device_type: where to compute: on a GPU lines take seconds.
+        is_timed: whether there is a time limit.
     """
     if has_start:
         return Choice("refine", "a start is given, and refine makes the most of one")
     if not has_folds:
         return Choice("refine", "the image shows no folds, and descent from flat finds weak reliefs exactly")
     if refusal is None:
-        if device_type == "cuda":
-            why = "a trained network knows this scene, and lines that explain the image are more exact than its answer"
-            return Choice("fibres", why)
-        why = "a trained network knows this scene (printed lines: --method fibres takes longer and is more exact)"
-        return Choice("direct", why)
+        if is_timed and device_type == "cpu":
+            why = "a trained network knows this scene, and within a time limit a CPU does not look for lines"
+            return Choice("direct", why)
+        why = "a trained network knows this scene, and lines that explain the image are more exact than its answer"
+        return Choice("fibres", why)
     return Choice("transport+refine", f"no network can be used ({refusal})")
 
 
@@ -68,7 +75,7 @@ def _check_options(options: Mapping[str, Any]) -> None:
         pydantic.ValidationError: what refine says of them.
     """
     try:
-        DirectOptions(**options)
+        FibresOptions(**options)
     except pydantic.ValidationError:
         RefineOptions(**options)
 
@@ -90,7 +97,8 @@ class Auto(Reconstructor):
     def __init__(self, scene: Scene, options: Mapping[str, Any], device: str | torch.device, create: Create):
         self.scene, self.options, self.device, self._create = scene, dict(options), usable_device(device), create
         self._made: dict[str, Reconstructor] = {}
-        self._networked = choose(False, True, None, self.device.type).plan
+        self._is_timed = self.options.get("max_time_s") is not None
+        self._networked = choose(False, True, None, self.device.type, is_timed=self._is_timed).plan
         if "weights" not in self.options:
             _check_options(self.options)
 
@@ -104,7 +112,7 @@ class Auto(Reconstructor):
         folds = has_folds(image, self.scene)
         # A network is loaded only where it may be used.
         refusal = self._refusal() if initial is None and folds else None
-        choice = choose(initial is not None, folds, refusal, self.device.type)
+        choice = choose(initial is not None, folds, refusal, self.device.type, is_timed=self._is_timed)
         self._method(choice.plan if choice.plan in NETWORKED else "refine")
         return choice
 
@@ -144,7 +152,7 @@ class Auto(Reconstructor):
             return "none comes with this software"
         try:
             if self._networked not in self._made:
-                made = self._create(self._networked, self.scene, device=self.device, **self.options)
+                made = self._create(self._networked, self.scene, device=self.device, **self._taken(self._networked))
                 self._made[self._networked] = made
         except (InputError, MismatchError) as error:
             if "weights" in self.options:
@@ -154,9 +162,14 @@ class Auto(Reconstructor):
 
     def _method(self, name: str) -> Reconstructor:
         if name not in self._made:
-            taken = {key: v for key, v in self.options.items() if name in NETWORKED or key not in BENCH_OPTIONS}
             try:
-                self._made[name] = self._create(name, self.scene, device=self.device, **taken)
+                self._made[name] = self._create(name, self.scene, device=self.device, **self._taken(name))
             except CausticsError as error:
                 raise type(error)(f"auto chose {name}: {error}") from error
         return self._made[name]
+
+    def _taken(self, name: str) -> dict[str, Any]:
+        """Options of a method: those that were given and are its own."""
+        if name == "fibres" and self.device.type == "cpu":
+            return {"left_alone": LEFT_ALONE} | self.options
+        return {key: value for key, value in self.options.items() if name in NETWORKED or key not in BENCH_OPTIONS}

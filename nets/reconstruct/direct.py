@@ -96,6 +96,8 @@ class Direct(Reconstructor):
     name = "direct"
     watch: Callable[[Reconstruction], None] | None = None
     """Called with what was found on the told bench, before any other is looked for."""
+    asked_before: tuple[CausticImage, Opinion] | None = None
+    """The last image, and what the networks said of it: another of these methods on the same bench need not ask."""
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
         self.options, self.device = options or DirectOptions(), usable_device(device)
@@ -134,6 +136,7 @@ class Direct(Reconstructor):
         if beyond is not None and not networks:
             raise beyond
         other = copy.copy(self)
+        other.asked_before = None
         other._ask(networks)
         return other
 
@@ -261,7 +264,11 @@ class Direct(Reconstructor):
             check_initial(initial, self.network.seen.user)
         log = RunLog(0, progress)
         resimulation = self._resimulation(image)
-        found = self._opinion(resimulation, log)
+        if self.asked_before is not None and self.asked_before[0] is image:
+            found = self.asked_before[1]
+        else:
+            found = self._opinion(resimulation, log)
+            self.asked_before = None if found.reason == "interrupted" else (image, found)
         answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
         warnings = list(network.warnings)

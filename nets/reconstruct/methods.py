@@ -7,7 +7,8 @@ import torch
 
 from nets.reconstruct.auto import Auto
 from nets.reconstruct.direct import Direct, DirectOptions
-from nets.reconstruct.fibres.method import Fibres, FibresOptions
+from nets.reconstruct.fibres.method import Fibres
+from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.nsfc import Nsfc, NsfcOptions
 from nets.reconstruct.unrolled import NsfcUnrolled, UnrolledOptions
 from warp_caustics.reconstruct.base import Reconstructor

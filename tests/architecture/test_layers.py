@@ -20,15 +20,16 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 LAYERS = {
     "warp_caustics": (
         "front_door types units strict errors signals child_process landings",
-        "materials height_field metrics pixel_spline resampling cuda_graph",
+        "materials height_field metrics pixel_spline resampling cuda_graph banded relief_bounds",
         "scene",
         "io kernels presets",
         "photons chunked camera",
         "optics prints",
-        "fused lattice_rows",
+        "fused lattice_rows spline_stage",
         "engine",
         "simulator oracle",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
+        "recorded_gradient",
         "setup capture reconstruct",
         "calibration",
         "inspection design found_bench",

@@ -11,6 +11,13 @@ SCENE = Scene(height_samples=20, image_pixels=48, exit_medium="glass")
 ALL_EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost", "plate_size_m": (0.01, 0.01)}
 """On a plate so small that light meets narrow hills again."""
 
+POINT = {
+    "lamp_half_angle_rad": 0.0,
+    "light_position_m": (4e-3, 2e-3, 0.1),
+    "emission_half_angle_rad": 0.9,
+    "lamp_radius_m": 0.015,
+}
+
 CASES = {
     "narrow": ({}, 1.0, 1500),
     "a row is one vector": ({}, 12.0, 1500),
@@ -21,7 +28,8 @@ CASES = {
     "out of sight": ({"screen_position_m": (1.0, 0.0, -1e-6)}, 12.0, 1500),
     "fewer photons than a block": ({}, 12.0, 11),
     "all effects": (ALL_EFFECTS, 6.0, 1500),
-    "tilt": ({"light_tilt_rad": (0.02, -0.01)}, 6.0, 1500),
+    "all effects, tilt": ({**ALL_EFFECTS, "light_tilt_rad": (0.02, -0.01)}, 6.0, 1500),
+    "all effects, point light": ({**ALL_EFFECTS, **POINT}, 6.0, 1500),
 }
 
 
@@ -44,15 +52,15 @@ def made(scene: Scene, smoothing: float, n_photons: int, dtype: torch.dtype, by_
 @pytest.mark.parametrize(
     ("name", "dtype"),
     [(name, torch.float64) for name in CASES]
-    # Kernels with effects and those of tilted light are compiled for float64 alone: an effect only adds code.
-    + [(name, torch.float32) for name in CASES if name not in ("all effects", "tilt")],
+    # Kernels with effects are compiled for float64 alone: an effect only adds code.
+    + [(name, torch.float32) for name in CASES if not name.startswith("all effects")],
 )
 def test_blocks_and_vectors_change_nothing(name, dtype):
     """Image and gradient, to rounding: borders, windows of every width, all effects, other light."""
     changes, smoothing, n_photons = CASES[name]
     scene = Scene(**{**SCENE.model_dump(), **changes})
     simulator, other = (made(scene, smoothing, n_photons, dtype, by_pixel) for by_pixel in (False, True))
-    assert simulator.engine.fused.in_blocks == (name != "tilt") and n_photons % BLOCK
+    assert simulator.engine.fused.in_blocks and n_photons % BLOCK
     heights = relief(scene, dtype)
     shape = 2, scene.n_wavelengths, scene.image_pixels, scene.image_pixels
     weights = torch.randn(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64).to(dtype)
@@ -63,7 +71,7 @@ def test_blocks_and_vectors_change_nothing(name, dtype):
     ):
         assert float((found - expected).abs().max()) <= tolerance * float(expected.abs().max())
         assert (float(expected.abs().max()) == 0) == (name == "out of sight")
-    if name == "all effects":
+    if name.startswith("all effects"):
         engine = simulator.engine
         ((_, positions),) = engine.chunks(2)
         assert (engine.clear_paths(engine.coefficients(heights), engine.photons(positions)) == 0).any()

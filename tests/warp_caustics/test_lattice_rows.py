@@ -11,13 +11,18 @@ FAR = {"screen_position_m": (1e-3, -2e-3, -0.02), "exit_medium": "air"}
 ALL_EFFECTS = {"fresnel": True, "lamp_half_angle_rad": 0.02, "second_hits": "lost", "plate_size_m": (0.01, 0.01)}
 """On a plate so small that light meets narrow hills again."""
 
+POINT = {"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9}
+POINT_EFFECTS = {**ALL_EFFECTS, "lamp_half_angle_rad": 0.0, "lamp_radius_m": 0.015}
+
 CASES = {
     "contact": ({}, 96**2),
     "far and off centre": (FAR, 96**2),
     "all effects": (ALL_EFFECTS, 80**2),
     "all effects, far, tilt": ({**FAR, **ALL_EFFECTS, "light_tilt_rad": (0.02, -0.01)}, 80**2),
     "tilt": ({"light_tilt_rad": (0.02, -0.01)}, 80**2),
-    "point light": ({"light_position_m": (4e-3, 2e-3, 0.1), "emission_half_angle_rad": 0.9}, 80**2),
+    "point light": (POINT, 80**2),
+    "point light in a narrow cone": ({**POINT, "emission_half_angle_rad": 0.15}, 80**2),
+    "all effects, far, point light": ({**FAR, **POINT_EFFECTS, **POINT}, 80**2),
     "out of sight": ({"screen_position_m": (1.0, 0.0, -1e-6)}, 80**2),
     "half out of sight": ({"screen_position_m": (0.009, -0.007, -1e-6)}, 80**2),
     "fewer photons than samples": ({}, 11**2),
@@ -52,9 +57,9 @@ def one_by_one(simulator: CausticSimulator) -> CausticSimulator:
     return other
 
 
-EFFECTS = ("all effects", "all effects, far, tilt", "tilt", "point light")
+EFFECTS = ("all effects", "all effects, far, tilt", "tilt", "point light in a narrow cone")
 """Cases with kernels of their own, which are compiled for float64 alone. An effect only adds code to a kernel: those
-with all of them hold every part, once for light from straight above and once for other light."""
+with all of them hold every part, for light from straight above, slanting light and a point source."""
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Photons that lie anywhere, from surface to pixels and back, on a CPU: what ``fused.py`` does, block by block.
 
 Photons of a block are refracted sixteen at a time by ``row_refraction.py``, through scratch memory as rows of a lattice
-are (``rows.py``); surface and pixels are photon by photon. For light from straight above. A launch of Warp runs on one
-core, block after block, so blocks share their scratch memory.
+are (``rows.py``); surface and pixels are photon by photon. A launch of Warp runs on one core, block after block, so
+blocks share their scratch memory.
 """
 
 from functools import cache
@@ -33,7 +33,7 @@ PLACE_PLANES = 3
 @cache
 def _block_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """What both kernels share: ``surface_of_block`` and ``light_of_block``."""
-    refract_block, _ = row_refraction_functions(dtype, effects.fresnel, effects.lamp, is_row=False)
+    refract_block, _ = row_refraction_functions(dtype, effects, is_row=False)
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
     photon_at = photon_function(dtype, False)
@@ -134,7 +134,7 @@ def block_adjoint_kernel(dtype: Any, profile: str, effects: Effects) -> Any:
     """Kernel ``splat_blocks_adjoint``."""
     functions = _block_functions(dtype, effects)
     surface_of_block, light_of_block = functions.surface_of_block, functions.light_of_block
-    _, refract_block_adjoint = row_refraction_functions(dtype, effects.fresnel, effects.lamp, is_row=False)
+    _, refract_block_adjoint = row_refraction_functions(dtype, effects, is_row=False)
     gather = gathering_function(dtype, profile, 1, True)
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of

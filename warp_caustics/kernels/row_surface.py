@@ -146,14 +146,21 @@ _BOTH_WAYS = """
     auto add_scaled = [](real* __restrict to, const real* __restrict from, real by, int n) {
         for (int j = 0; j < n; ++j) to[j] += by * from[j];
     };
+    auto from_to = [](int i, int n) -> int { return i < 0 ? 0 : i > n ? n : i; };
     for (int i = 0; i < rows; ++i) {
         real* const half_way = work.data;
         real* const to = found.data + (size_t(b) * rows + i) * rows;
         for (int j = 0; j < inner; ++j) half_way[j] = real(0);
         for (int j = 0; j < rows; ++j) to[j] = real(0);
-        for (int k = 0; k < inner; ++k)
-            add_scaled(half_way, planes.data + (size_t(b) * inner + k) * inner, left[i * inner + k], inner);
-        for (int k = 0; k < inner; ++k) add_scaled(to, right + size_t(k) * rows, half_way[k], rows);
+        // --- entries lie around the diagonal, which goes through the middle of both
+        const int middle = i + (inner - rows) / 2;
+        for (int k = from_to(middle - reach, inner); k < from_to(middle + reach + 1, inner); ++k)
+            add_scaled(half_way, planes.data + (size_t(b) * inner + k) * inner, left[size_t(i) * inner + k], inner);
+        for (int k = 0; k < inner; ++k) {
+            const int across = k + (rows - inner) / 2;
+            const int begin = from_to(across - reach, rows), end = from_to(across + reach + 1, rows);
+            add_scaled(to + begin, right + size_t(k) * rows + begin, half_way[k], end - begin);
+        }
     }
 """
 
@@ -161,6 +168,9 @@ _BOTH_WAYS = """
 @cache
 def both_ways_function(dtype: Any) -> Any:
     """``both_ways``: matrix [R, K] @ planes[b] [K, K] @ transposed [K, R]; scratch memory of K numbers.
+
+    Entries farther than ``reach`` from the diagonal are taken as zero. That of a matrix with more rows than columns, or
+    fewer, begins and ends beside its corners, by half of the difference.
 
     torch's product of matrices this small wakes its threads, which then wait for more on the cores that splat.
     """
@@ -172,6 +182,7 @@ def both_ways_function(dtype: Any) -> Any:
         transposed: wp.array2d[dtype],
         planes: wp.array3d[dtype],
         b: wp.int32,
+        reach: wp.int32,
         work: wp.array[dtype],
         # outputs
         found: wp.array3d[dtype],

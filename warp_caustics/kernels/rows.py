@@ -1,9 +1,8 @@
 """Rows of lattice photons from surface to pixels and back, on a CPU: what ``fused.py`` does, sixteen photons at a time.
 
-A row goes through scratch memory in three steps, ``row_surface.py``, refraction and ``row_pixels.py``. Refraction is
-``row_refraction.py`` for light from straight above, otherwise ``general.py`` photon by photon. A launch of Warp runs on
-one core, row after row, so rows share their scratch memory; every core has a launch and an image of its own
-(``chunked.py``).
+A row goes through scratch memory in three steps, ``row_surface.py``, ``row_refraction.py`` and ``row_pixels.py``. A
+launch of Warp runs on one core, row after row, so rows share their scratch memory; every core has a launch and an image
+of its own (``chunked.py``).
 """
 
 from functools import cache
@@ -14,8 +13,6 @@ import warp as wp
 
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import footprint_struct
-from warp_caustics.kernels.fused import footprints_function
-from warp_caustics.kernels.general import general_functions
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import adding_functions, gathering_function
 from warp_caustics.kernels.row_pixels import row_pixel_functions
@@ -23,27 +20,29 @@ from warp_caustics.kernels.row_refraction import (
     FOOTPRINT_PLANE,
     GRADIENT_PLANE,
     MAP_GRADIENT_PLANE,
+    SIDE_PLANE,
     row_refraction_functions,
 )
 from warp_caustics.kernels.row_surface import both_ways_function, row_surface_functions
-from warp_caustics.kernels.surface import photon_struct, surface_functions
+from warp_caustics.kernels.second_hits import march_function
+from warp_caustics.kernels.surface import surface_functions
 
 
 @cache
 def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
-    """What both kernels share: ``along_y``, ``photon_of``, ``footprint_of`` and ``light_of_row``."""
+    """What both kernels share: ``along_y``, ``footprint_of`` and ``light_of_row``."""
     surface = surface_functions(dtype)
     weights, slopes, curvatures = surface.spline_weights, surface.spline_slopes, surface.spline_curvatures
-    refract_row, _ = row_refraction_functions(dtype, effects.fresnel, effects.lamp)
-    footprints = footprints_function(dtype, 1, effects)
+    refract_row, _ = row_refraction_functions(dtype, effects)
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
-    Photon, Photons = photon_struct(dtype), photons_struct(dtype)
+    Photons = photons_struct(dtype)
     Footprint = footprint_struct(dtype, 0)
-    vec6 = wp.types.vector(length=6, dtype=dtype)
+    clear_path = march_function(dtype, effects)
     half = wp.constant(dtype(0.5))
     zero = wp.constant(dtype(0.0))
-    is_straight, is_blocked = effects.is_straight, effects.second_hits
+    one = wp.constant(dtype(1.0))
+    is_blocked = effects.second_hits
 
     @no_type_check
     @wp.func
@@ -55,15 +54,6 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
         t = v - dtype(row)
         return row + 1, weights(t), slopes(t) * per_m, curvatures(t) * (per_m * per_m)
-
-    @no_type_check
-    @wp.func
-    def photon_of(work: wp.array2d[dtype], across: wp.array2d[dtype], j: wp.int32, y: dtype):
-        """Photon in column j."""
-        maps = vec6()
-        for i in range(6):
-            maps[i] = work[i, j]
-        return Photon(across[1, j], y, maps)
 
     @no_type_check
     @wp.func
@@ -81,32 +71,44 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     @no_type_check
     @wp.func
     def light_of_row(
+        coefficients: wp.array3d[dtype],
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         y: dtype,
         photons: Photons,
         b: wp.int32,
         c: wp.int32,
-        first: wp.int32,
         work: wp.array2d[dtype],
     ):
-        """Surface maps to footprints of a row at one wavelength; ``first`` is the number of its first photon."""
-        if wp.static(is_straight):
-            refract_row(across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, work)
-            if wp.static(is_blocked):
-                for j in range(photons.columns):
-                    if photons.clear[b, c, first + j] == wp.uint8(0):
-                        work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
-        else:
+        """Surface maps to footprints of a row at one wavelength."""
+        colour = colour_of(photons, b, c)
+        optics = optics_of(photons, b)
+        refract_row(across, y, colour, optics, photons.columns, work)
+        if wp.static(is_blocked):
+            # Only paths so flat that the relief may come nearer are followed.
+            lowest = bounds[b, 0]
+            steepest = bounds[b, 1]
             for j in range(photons.columns):
-                f = footprints(photon_of(work, across, j, y), c, photons, b, first + j)
-                work[wp.static(FOOTPRINT_PLANE), j] = f.column[0]
-                work[wp.static(FOOTPRINT_PLANE + 1), j] = f.row[0]
-                work[wp.static(FOOTPRINT_PLANE + 2), j] = f.sigma_x[0]
-                work[wp.static(FOOTPRINT_PLANE + 3), j] = f.sigma_y[0]
-                work[wp.static(FOOTPRINT_PLANE + 4), j] = f.beta[0]
-                work[wp.static(FOOTPRINT_PLANE + 5), j] = f.amplitude[0]
+                lit = work[wp.static(FOOTPRINT_PLANE + 5), j] > zero
+                if lit and work[wp.static(SIDE_PLANE), j] * steepest * steepest > one:
+                    clear = clear_path(
+                        coefficients,
+                        photons,
+                        b,
+                        across[1, j],
+                        y,
+                        work[0, j],
+                        work[1, j],
+                        work[2, j],
+                        colour,
+                        optics,
+                        lowest,
+                        steepest,
+                    )
+                    if clear == wp.uint8(0):
+                        work[wp.static(FOOTPRINT_PLANE + 5), j] = zero
 
-    return SimpleNamespace(along_y=along_y, photon_of=photon_of, footprint_of=footprint_of, light_of_row=light_of_row)
+    return SimpleNamespace(along_y=along_y, footprint_of=footprint_of, light_of_row=light_of_row)
 
 
 @cache
@@ -129,18 +131,20 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
         matrix: wp.array2d[dtype],
         transposed: wp.array2d[dtype],
         planes: wp.array3d[dtype],
+        reach: wp.int32,
         work: wp.array[dtype],
         # outputs
         filtered: wp.array3d[dtype],
     ):
         """filtered[b] = matrix @ planes[b] @ transposed: heights to coefficients, and the adjoint of that."""
-        both_ways(matrix, transposed, planes, wp.tid(), work, filtered)
+        both_ways(matrix, transposed, planes, wp.tid(), reach, work, filtered)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module=module)
     def splat_rows(
         coefficients: wp.array3d[dtype],
         photons: Photons,
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         first_photon: wp.array[wp.int32],
         by_cell: wp.array2d[dtype],
@@ -153,8 +157,8 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
         """Add rows of lattice photons to the image [W/m^2].
 
         Rows of pixels from ``lit_rows[b, 0]`` to before ``lit_rows[b, 1]`` hold sums; others hold nothing, and are set
-        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4]; for the rest, scratch memory and
-        the lattice, see ``lattice_rows.py``.
+        to zero when light comes to them. Spline coefficients are [B, n + 4, n + 4], ``bounds_of`` them [B, 2]; for the
+        rest, scratch memory and the lattice, see ``lattice_rows.py``.
         """
         b, i = wp.tid()
         y = photons.positions[1, i]
@@ -173,7 +177,7 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
             work,
         )
         for c in range(image.shape[1]):
-            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
             others = add_row_of_photons(work, photons.columns, b, c, image, listed, lit_rows)
             for k in range(others):
                 f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
@@ -195,52 +199,14 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
 def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
     """Kernel ``splat_rows_adjoint``."""
     functions = _row_functions(dtype, effects)
-    along_y, photon_of, footprint_of = functions.along_y, functions.photon_of, functions.footprint_of
-    light_of_row = functions.light_of_row
+    along_y, footprint_of, light_of_row = functions.along_y, functions.footprint_of, functions.light_of_row
     row_maps, row_maps_adjoint = row_surface_functions(dtype)
-    _, refract_row_adjoint = row_refraction_functions(dtype, effects.fresnel, effects.lamp)
+    _, refract_row_adjoint = row_refraction_functions(dtype, effects)
     _, gather_row_of_photons = row_pixel_functions(dtype)
     gather = gathering_function(dtype, "spline", 1, True)
-    is_straight = effects.is_straight
-    general = general_functions(dtype, effects)
-    refraction, record_gradient, weighted = general.refraction, general.record_gradient, general.weighted
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
     Photons = photons_struct(dtype)
-    vec6 = wp.types.vector(length=6, dtype=dtype)
-    zero = wp.constant(dtype(0.0))
-
-    @no_type_check
-    @wp.func
-    def light_of_row_adjoint(
-        across: wp.array2d[dtype],
-        y: dtype,
-        photons: Photons,
-        b: wp.int32,
-        c: wp.int32,
-        work: wp.array2d[dtype],
-    ):
-        """Gradient of footprints to that of the surface maps: written for the first wavelength, then added to."""
-        optics = optics_of(photons, b)
-        colour = colour_of(photons, b, c)
-        if wp.static(is_straight):
-            refract_row_adjoint(across, y, colour, optics, photons.columns, c == 0, work)
-        else:
-            for j in range(photons.columns):
-                gradient = vec6()
-                f = footprint_of(work, wp.static(FOOTPRINT_PLANE), j)
-                if f.amplitude > zero:
-                    photon = photon_of(work, across, j, y)
-                    g = footprint_of(work, wp.static(GRADIENT_PLANE), j)
-                    bent = refraction(photon, colour, optics)
-                    gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
-                        photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
-                    )
-                for plane in range(6):
-                    before = work[wp.static(MAP_GRADIENT_PLANE) + plane, j]
-                    if c == 0:
-                        before = zero
-                    work[wp.static(MAP_GRADIENT_PLANE) + plane, j] = before + gradient[plane]
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -248,6 +214,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
         coefficients: wp.array3d[dtype],
         photons: Photons,
         grad_image: wp.array4d[dtype],
+        bounds: wp.array2d[dtype],
         across: wp.array2d[dtype],
         first_photon: wp.array[wp.int32],
         by_cell: wp.array2d[dtype],
@@ -274,7 +241,7 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
             work,
         )
         for c in range(grad_image.shape[1]):
-            light_of_row(across, y, photons, b, c, i * photons.columns, work)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
             others = gather_row_of_photons(work, photons.columns, b, c, grad_image, listed)
             for k in range(others):
                 j = listed[k]
@@ -285,7 +252,9 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
                 work[wp.static(GRADIENT_PLANE + 3), j] = g.sigma_y
                 work[wp.static(GRADIENT_PLANE + 4), j] = g.beta
                 work[wp.static(GRADIENT_PLANE + 5), j] = g.amplitude
-            light_of_row_adjoint(across, y, photons, b, c, work)
+            refract_row_adjoint(
+                across, y, colour_of(photons, b, c), optics_of(photons, b), photons.columns, c == 0, work
+            )
         row_maps_adjoint(
             coefficients,
             b,

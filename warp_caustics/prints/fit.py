@@ -107,30 +107,35 @@ def minimised(
     """
     pull = torch.zeros(start.numel(), dtype=torch.float64) if held is None else held
     inverse_variance = sigma_m.square().reciprocal()
+    count = start.numel()
 
-    def loss_at(residual: torch.Tensor, parameters: torch.Tensor) -> float:
-        strain = (pull * (parameters - start).reshape(-1).square()).sum() / 2
-        return _loss(loss, residual, sigma_m) + float(strain)
+    def system(parameters: torch.Tensor) -> tuple[float, torch.Tensor, torch.Tensor]:
+        """Loss, normal matrix and right side; a GPU is waited for once."""
+        relief, derivatives = with_jacobian(parameters)
+        residual = relief_m - relief
+        squared = residual.square() * inverse_variance
+        jacobian = derivatives.reshape(count, -1)
+        weighted = jacobian * (loss.weight(squared) * inverse_variance).reshape(1, -1)
+        told = (
+            (weighted @ jacobian.T).double().flatten(),
+            (weighted @ residual.reshape(-1)).double(),
+            loss.value(squared).sum(dtype=torch.float64)[None],
+        )
+        normal, right, value = torch.cat(told).cpu().split((count * count, count, 1))
+        apart = (parameters - start).reshape(-1)
+        strain = float((pull * apart.square()).sum()) / 2
+        return float(value) + strain, normal.reshape(count, count) + torch.diag(pull), right - pull * apart
 
     found, damping = start, 1e-2
-    relief, derivatives = with_jacobian(found)
-    residual = relief_m - relief
-    least = loss_at(residual, found)
+    least, normal, right = system(found)
     for _ in range(iterations):
-        weight = loss.weight((residual / sigma_m).square()) * inverse_variance
-        jacobian = derivatives.reshape(-1, residual.numel())
-        weighted = jacobian * weight.reshape(1, -1)
-        normal = (weighted @ jacobian.T).double().cpu() + torch.diag(pull)
-        right = (weighted @ residual.reshape(-1)).double().cpu() - pull * (found - start).reshape(-1)
         scale = normal.diagonal() + 1e-9 * normal.diagonal().max() + 1e-12
         before = least
         for _trial in range(DAMPING_TRIALS):
             tried = moved(found, torch.linalg.solve(normal + damping * torch.diag(scale), right))
-            relief, there = with_jacobian(tried)
-            rest = relief_m - relief
-            new = loss_at(rest, tried)
+            new, normal_there, right_there = system(tried)
             if new < least:
-                found, least, residual, derivatives = tried, new, rest, there
+                found, least, normal, right = tried, new, normal_there, right_there
                 damping = max(damping / 5, 1e-6)
                 break
             damping *= 6

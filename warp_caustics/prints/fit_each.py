@@ -14,9 +14,15 @@ TRIALS_PER_ITERATION = 1.5
 
 
 def fit_each(
-    model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, sigma_m: torch.Tensor, *, iterations: int
+    model: LineModel,
+    lines: torch.Tensor,
+    relief_m: torch.Tensor,
+    sigma_m: torch.Tensor,
+    *,
+    iterations: int,
+    printed_m: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Each of the lines moved so that it alone explains a relief but for a few wrong places.
+    """Each of the lines moved so that it explains a relief but for a few wrong places, without the others.
 
     Levenberg-Marquardt with iteratively re-weighted least squares, a damping for each line.
 
@@ -26,6 +32,7 @@ def fit_each(
         relief_m: to be explained, shape [n, n], float32, on the model's device.
         sigma_m: expected size of what lines do not explain, shape [n, n], likewise.
         iterations: of each line, at most.
+        printed_m: what is printed beside each line, shape [L, n, n]; nothing if None.
 
     Returns:
         The lines, shape [L, 6] [m], and their Geman-McClure losses, shape [L], on the CPU.
@@ -35,9 +42,14 @@ def fit_each(
         return found, torch.zeros(0, dtype=torch.float64)
     inverse_variance = sigma_m.square().reciprocal()
 
-    def system(rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Losses [L], normal matrices [L, 6, 6] and right sides [L, 6] at some lines."""
+    def system(rows: torch.Tensor, of: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Losses [L], normal matrices [L, 6, 6] and right sides [L, 6] of some of the lines, moved to these rows."""
         parts, derivatives = model.parts(rows)
+        if printed_m is not None:
+            beside = printed_m[of.to(printed_m.device)]
+            if model.overlap == "max":
+                derivatives = derivatives * (parts >= beside)[:, None]
+            parts = model.over(beside, parts)
         residual = relief_m - parts
         squared = residual.square() * inverse_variance
         loss = GEMAN_MCCLURE.value(squared).flatten(1).sum(dim=1, dtype=torch.float64)
@@ -49,7 +61,7 @@ def fit_each(
         together = torch.cat([loss[:, None], normal.flatten(1).double(), right.double()], dim=1).cpu()
         return together[:, 0], together[:, 1:37].reshape(-1, 6, 6), together[:, 37:]
 
-    least, normal, right = system(found)
+    least, normal, right = system(found, torch.arange(len(found)))
     active = torch.ones(len(found), dtype=torch.bool)
     for _ in range(round(TRIALS_PER_ITERATION * iterations)):
         chosen = active.nonzero()[:, 0]
@@ -59,7 +71,7 @@ def fit_each(
         scale = diagonal + 1e-9 * diagonal.amax(dim=1, keepdim=True) + 1e-12
         step = torch.linalg.solve(normal[chosen] + torch.diag_embed(damping[chosen] * scale), right[chosen])
         tried = model.moved(found[chosen], step.flatten())
-        loss, normal_there, right_there = system(tried)
+        loss, normal_there, right_there = system(tried, chosen)
         is_better = loss < least[chosen]
         is_last = is_better & (least[chosen] - loss <= CONVERGED * least[chosen])
         better = chosen[is_better]

@@ -287,14 +287,17 @@ class ImageFit:
         diagonal = np.diag(seen)
         scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal[lengths].max()))
         unit = LOSS_SCALE * seen / np.outer(scale, scale)
-        factor = np.linalg.cholesky(unit + RIDGE_REGULARISATION * np.eye(len(scale)))
+        factor = torch.linalg.cholesky(torch.from_numpy(unit + RIDGE_REGULARISATION * np.eye(len(scale))))
+        inverse = torch.linalg.solve_triangular(factor, torch.eye(len(scale), dtype=torch.float64), upper=False).numpy()
 
+        # Products are summed by NumPy itself: a BLAS takes as many threads as a machine has cores for matrices from a
+        # hundred numbers on, which took 16 cores 60 ms where one needs 20 us.
         def to_numbers(u: FloatArray) -> FloatArray:
-            moved: FloatArray = start + np.linalg.solve(factor.T, u) / scale
+            moved: FloatArray = start + (inverse * u[:, None]).sum(0) / scale
             return moved
 
         def back(gradient: FloatArray) -> FloatArray:
-            pulled: FloatArray = np.linalg.solve(factor, gradient / scale)
+            pulled: FloatArray = (inverse * (gradient / scale)).sum(1)
             return pulled
 
         return to_numbers, back

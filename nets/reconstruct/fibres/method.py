@@ -10,11 +10,10 @@ import dataclasses
 import time
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 
 from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.direct import Direct, DirectOptions
@@ -29,6 +28,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
@@ -39,7 +39,6 @@ from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.prints.line import Section
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
@@ -64,20 +63,6 @@ BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
 """A bench must lower the discrepancy by this factor to be kept."""
-
-
-class FibresOptions(DirectOptions):
-    """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
-
-    With lines a bench is looked for (``set_up``) by default on a GPU alone: of many lines it takes a CPU minutes.
-    """
-
-    profile: Section | Literal["found"] = "found"
-    """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
-    explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
-    jumps: Annotated[int, Field(ge=0, le=20)] = 3
-    """Rounds in which lines are added, removed and jump, at most."""
-    most_lines: Annotated[int, Field(ge=1, le=500)] = 60
 
 
 class Fibres(Reconstructor):
@@ -111,6 +96,7 @@ class Fibres(Reconstructor):
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
         self.finds_bench = (self.options.set_up or ("estimate" if is_gpu else "known")) == "estimate"
+        self.is_told_exactly = self.options.set_up == "known"
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -134,7 +120,7 @@ class Fibres(Reconstructor):
         run = _Run(self, image, answer, started, progress)
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
-        if not run.takes_lines and self.finds_bench and is_free:
+        if not run.takes_lines and is_free and not self.is_told_exactly:
             return self._by_network(run, measured, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
@@ -151,13 +137,13 @@ class Fibres(Reconstructor):
     def _direct(self) -> Direct:
         """What finds plates that are no lines, with the bench and losses of light of its own."""
         options = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
-        options["set_up"] = "estimate" if self.finds_bench else "known"
         return Direct(self.network.network.seen.user, DirectOptions(**options), self.device)
 
     def _by_network(self, run: "_Run", image: CausticImage, progress: ProgressCallback | None) -> Reconstruction:
         """The record of ``direct``, where lines do not tell the image."""
         log = run.log
         after = following(progress, len(log.history), log.started, "without lines, ")
+        self._direct.asked_before = self.network.asked_before
         found = self._direct.reconstruct(image, progress=after)
         before = [entry for entry in log.history if isinstance(entry, dict)]
         history = before + [
@@ -225,7 +211,7 @@ class _Run:
         last = "bench of lines" if "fibres" in self.timings else "fibres"
         self.seconds = self.log.elapsed_s
         self.timings[last] = self.seconds - sum(self.timings.values())
-        self.counters = {"fibres": len(self.lines), "explained_by": "network"}
+        self.counters |= {"fibres": len(self.lines), "explained_by": "network"}
         if method.finds_section:
             self.counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
         if not len(self.lines):
@@ -296,7 +282,12 @@ class _Run:
         if self.answer.uncertainty_m is not None:
             spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
         options, told = self.method.options, self.model.shape
-        start = starting_lines(self.model, heights, spread, options.most_lines, finds_section=self.method.finds_section)
+        most = options.most_lines if options.left_alone is None else min(options.most_lines, options.left_alone)
+        start = starting_lines(self.model, heights, spread, most, finds_section=self.method.finds_section)
+        self.counters["lines_of_relief"] = len(start)
+        if options.left_alone is not None and len(start) >= options.left_alone:
+            self.model.shape = told
+            return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
         self._search(self.told, start, options.jumps)

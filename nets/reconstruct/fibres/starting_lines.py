@@ -56,8 +56,8 @@ def starting_lines(
 
     first = best = judged(lines_of_relief(model, relief_m, spread_m, most=most))
     enough = WELL_TOLD * relief_m.numel() + LINE_PENALTY * len(best.lines)
-    if not finds_section or len(best.lines) < 2 or best.left < enough:
-        return best.lines
+    if not finds_section or not 2 <= len(best.lines) < most or best.left < enough:
+        return best.lines  # of a relief that needs more lines than it may have, none is told by what is left of it
     are_few = len(best.lines) <= MANY
     finds_anew = are_few or model.device.type != "cpu"
 

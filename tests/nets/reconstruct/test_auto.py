@@ -20,7 +20,7 @@ from warp_caustics.simulator import CausticSimulator
 @pytest.mark.parametrize(
     ("has_start", "folds", "refusal", "plan"),
     [
-        (False, True, None, "direct"),
+        (False, True, None, "fibres"),
         (False, True, "another scene", "transport+refine"),
         (False, False, None, "refine"),
         (False, False, "another scene", "refine"),
@@ -35,6 +35,11 @@ def test_table(has_start, folds, refusal, plan):
     assert (refusal is not None and plan != "refine") == ("another scene" in choice.why)
 
 
+def test_within_a_time_limit_a_cpu_does_not_look_for_lines():
+    assert choose(False, True, None, is_timed=True).plan == "direct"
+    assert choose(False, True, None, "cuda", is_timed=True).plan == "fibres"
+
+
 def test_folds_are_seen(scene, image):
     assert has_folds(image, scene)
     assert not has_folds(CausticImage(np.ones_like(image.irradiance)), scene)
@@ -45,15 +50,15 @@ def test_folds_are_seen(scene, image):
     assert has_folds(CausticImage(0.5 * image.irradiance), dim)
 
 
-def test_direct_where_a_network_is_shipped(saved, shipped, scene, image, heights):
+def test_a_network_where_one_is_shipped(saved, shipped, scene, image, heights):
     """Of two shipped networks the one for this scene is taken."""
     other = Scene(height_samples=16, image_pixels=128)
     for number, known in enumerate((other, scene)):
         shutil.move(saved("direct", scene=known), shipped / f"{number}.safetensors")
     method = create("auto", scene, max_iterations=2)
-    assert method.choose(image).plan == "direct"
+    assert method.choose(image).plan == "fibres"
     result = method.reconstruct(image)
-    assert result.method == "direct" and result.settings["network"]["file"] == "1.safetensors"
+    assert result.method == "fibres" and result.settings["network"]["file"] == "1.safetensors"
     assert result.settings["auto"]["why"].startswith("a trained network knows this scene")
     result = method.reconstruct(image, initial=heights)
     assert result.method == "refine" and "start is given" in result.settings["auto"]["why"]

@@ -264,12 +264,23 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
 def test_what_is_left_of_the_image_is_told(model, image, answering):
     """One line too few may be used: more than noise is left."""
     truth = model.heights(LINES[:2]).double().numpy()
-    method = answering(truth, most_lines=2, jumps=0, max_iterations=10, refine_iterations=30, refine_pixels=2 * N)
-    result = method.reconstruct(image)
+    options = {"refine_iterations": 30, "refine_pixels": 2 * N, "set_up": "known"}
+    result = answering(truth, most_lines=2, jumps=0, max_iterations=10, **options).reconstruct(image)
     assert result.counters["discrepancy"] > 2
     assert any("times its noise" in warning for warning in result.warnings)
     assert result.counters["refinement"] == "kept" and result.trust.pixels == 2 * N, "as of every method"
     assert not result.trust.is_explained and result.trust.left_at_all == pytest.approx(result.residual, rel=1e-6)
+
+
+def test_many_lines_are_left_to_the_network_if_so_wished(model, image, answering):
+    """As ``auto`` does on a CPU; asked once, the network is not asked again."""
+    truth = model.heights(LINES).double().numpy()
+    method = answering(truth, left_alone=len(LINES), refine_iterations=5, refine_pixels=2 * N)
+    result = method.reconstruct(image)
+    assert result.counters["explained_by"] == "network" and result.counters["fibres"] == 0
+    assert result.counters["lines_of_relief"] == len(LINES)
+    assert not any(entry.get("method") == "fibres" for entry in result.history)
+    assert answering(truth, left_alone=len(LINES) + 1).reconstruct(image).counters["fibres"] == len(LINES)
 
 
 def test_nothing_printed(answering):

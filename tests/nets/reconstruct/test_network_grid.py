@@ -299,7 +299,7 @@ def test_auto_takes_the_network_for_other_grids(weights, scene, heights):
     user = with_(scaled(scene, 0.6), image_pixels=128, height_samples=8)
     method = create("auto", user, weights=weights)
     image = CausticImage(simulated(with_(user, height_samples=16), 0.6 * heights).numpy())
-    assert method.choose(image).plan == "direct"
+    assert method.choose(image).plan == "fibres"
 
 
 def test_fibres_run_on_the_users_grid(weights, scene, heights):

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from warp_caustics.prints.fit import fit_lines, loss_of
+from warp_caustics.prints.fit import fit_lines
 from warp_caustics.prints.fit_each import fit_each
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines
@@ -19,6 +19,11 @@ LOW_M = 1e-4
 """Height given to proposals from residuals relative to their expected size, whose height is no height."""
 RIVAL_OVERLAP = 0.2
 """Overlap (cosine of the angle between heights) from which one line may take another's place."""
+MERGED_AT_ONCE = 32
+"""Pairs of lines that are tried as one at the same time, at most: each takes 7 n^2 numbers of memory."""
+APART_OVERLAP = 0.02
+"""Overlap below which lines have nothing to do with each other: they are added at once, and stay where they are when
+the other one changes."""
 GIVEN_UP_LOSS = 150.0
 """A change that raises the loss by so much before the other lines have moved is not followed."""
 
@@ -59,16 +64,22 @@ class LineSet:
         """Add lines while each saves more than its penalty; True if any did."""
         grown = False
         while len(self.lines) < most:
-            best, loss = self._best_addition()
-            if best is None or loss > self.loss - 0.5 * LINE_PENALTY:
+            lines, loss = self._additions(most - len(self.lines))
+            if not len(lines) or loss > self.loss - 0.5 * LINE_PENALTY:
                 break
-            lines, loss = fit_lines(self.model, best, self.relief, self.sigma, iterations=6)
-            if loss > self.loss - LINE_PENALTY:
+            for added in dict.fromkeys((len(lines), 1)):  # together or, where they are too many, the best alone
+                new, loss = fit_lines(
+                    self.model, torch.cat([self.lines, lines[:added]]), self.relief, self.sigma, iterations=6
+                )
+                if loss <= self.loss - added * LINE_PENALTY:
+                    break
+            else:
                 break
-            self.lines, self.loss, grown = lines, loss, True
+            self.lines, self.loss, grown = new, loss, True
         return grown
 
-    def _best_addition(self) -> tuple[torch.Tensor | None, float]:
+    def _additions(self, most: int) -> tuple[torch.Tensor, float]:
+        """Lines that may be added at once, as they have nothing to do with each other; and the loss with the first."""
         rest = self.relief - self.model.heights(self.lines)
         # Large residuals, and residuals that are large for their place.
         shown = (rest / (1 + (self.spread / UNSURE_M).square()).sqrt(), rest / self.sigma)
@@ -78,10 +89,18 @@ class LineSet:
         ridges[1][:, HEIGHT] = LOW_M
         starts = self._promising(rest, torch.from_numpy(np.concatenate(ridges)))
         if not len(starts):
-            return None, np.inf
+            return starts, np.inf
         fitted, losses = fit_each(self.model, starts, rest, self.sigma, iterations=8)
-        best = int(losses.argmin())
-        return torch.cat([self.lines, fitted[best : best + 1]]), float(losses[best])
+        parts = self.model.parts(fitted)[0].flatten(1)
+        parts = parts / parts.norm(dim=1, keepdim=True).clamp_min(1e-12)
+        alike = (parts @ parts.T).cpu()
+        order = losses.argsort().tolist()
+        taken = order[:1]
+        for k in order[1:]:
+            saves = float(losses[k]) < self.loss - LINE_PENALTY
+            if saves and len(taken) < most and float(alike[k, taken].max()) < APART_OVERLAP:
+                taken.append(k)
+        return fitted[taken], float(losses[taken[0]])
 
     def _promising(self, rest: torch.Tensor, ridges: torch.Tensor) -> torch.Tensor:
         """Those of the lines that lower the loss most as they are."""
@@ -92,24 +111,37 @@ class LineSet:
 
     def merge(self) -> None:
         """Make one line of two that continue each other, where that costs less than a line saves."""
-        while self._merge_once():
+        failed: set[bytes] = set()
+        while self._merge_once(failed):
             pass
 
-    def _merge_once(self) -> bool:
-        for i in range(len(self.lines)):
+    def _merge_once(self, failed: set[bytes]) -> bool:
+        """Join one pair; pairs that ``failed``, neither of which has moved since, are not tried again."""
+        numbers = self.lines.numpy()
+        tried = []
+        for i in range(len(numbers)):
             for j in range(i):
-                joined = joined_line(self.lines[i].numpy(), self.lines[j].numpy())
-                if joined is None:
+                key = numbers[[i, j]].tobytes()
+                row = None if key in failed else joined_line(numbers[i], numbers[j])
+                if row is not None:
+                    tried.append(((i, j), row, key))
+        if not tried:
+            return False
+        parts = self.model.parts(self.lines)[0]
+        for some in (tried[first : first + MERGED_AT_ONCE] for first in range(0, len(tried), MERGED_AT_ONCE)):
+            kept = [[k for k in range(len(parts)) if k not in pair] for pair, _, _ in some]
+            beside = torch.stack([self.model.joined(parts[others]) for others in kept])
+            starts = self.model.clamped(torch.from_numpy(np.stack([row for _, row, _ in some])))
+            joined, losses = fit_each(self.model, starts, self.relief, self.sigma, iterations=8, printed_m=beside)
+            for others, line, alone, (_, _, key) in zip(kept, joined, losses.tolist(), some, strict=True):
+                failed.add(key)
+                if alone > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
                     continue
-                kept = [k for k in range(len(self.lines)) if k not in (i, j)]
-                tried = torch.cat([self.lines[kept], torch.from_numpy(joined)[None]])
-                last = [len(tried) - 1]
-                tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8, only=last)
-                if loss > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
-                    continue
-                tried, loss = fit_lines(self.model, tried, self.relief, self.sigma, iterations=8)
+                lines = torch.cat([self.lines[others], line[None]])
+                near = self._near(self.model.parts(line[None])[0][0], parts[others])
+                lines, loss = self._fitted(lines, [*near, len(others)], 8)
                 if loss < self.loss + LINE_PENALTY:
-                    self.lines, self.loss = tried, loss
+                    self.lines, self.loss = lines, loss
                     return True
         return False
 
@@ -125,18 +157,23 @@ class LineSet:
 
     def _without(self, k: int) -> tuple[torch.Tensor, float]:
         """The other lines in place of all, those that cover the same plate moved first, and their loss."""
-        parts = self.model.parts(self.lines)[0].flatten(1)
-        norms = parts.norm(dim=1).clamp_min(1e-12)
-        shared = (parts @ parts[k]) / (norms * norms[k])
-        rivals = [j - (j > k) for j in range(len(self.lines)) if j != k and float(shared[j]) > RIVAL_OVERLAP]
-        kept = torch.cat([self.lines[:k], self.lines[k + 1 :]])
-        if rivals:
-            kept, loss = fit_lines(self.model, kept, self.relief, self.sigma, iterations=8, only=rivals)
-        else:
-            loss = loss_of(self.relief - self.model.heights(kept), self.sigma)
+        parts = self.model.parts(self.lines)[0]
+        others = [j for j in range(len(self.lines)) if j != k]
+        kept = self.lines[others]
+        kept, loss = self._fitted(kept, self._near(parts[k], parts[others], RIVAL_OVERLAP), 8)
         if loss > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
             return kept, loss
-        return fit_lines(self.model, kept, self.relief, self.sigma, iterations=6)
+        return self._fitted(kept, self._near(parts[k], parts[others]), 6)
+
+    def _near(self, part: torch.Tensor, others: torch.Tensor, overlap: float = APART_OVERLAP) -> list[int]:
+        """Which of the others [L, n, n] have something to do with a line [n, n], by the angle between heights."""
+        norms = others.flatten(1).norm(dim=1).clamp_min(1e-12) * part.norm().clamp_min(1e-12)
+        alike = (others.flatten(1) @ part.flatten()) / norms
+        near: list[int] = (alike > overlap).nonzero()[:, 0].tolist()
+        return near
+
+    def _fitted(self, lines: torch.Tensor, only: list[int], iterations: int) -> tuple[torch.Tensor, float]:
+        return fit_lines(self.model, lines, self.relief, self.sigma, iterations=iterations, only=only)
 
 
 def joined_line(a: np.ndarray, b: np.ndarray) -> np.ndarray | None:

@@ -1,0 +1,25 @@
+"""Settings of ``fibres``."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from nets.reconstruct.direct import DirectOptions
+from warp_caustics.prints.line import Section
+
+
+class FibresOptions(DirectOptions):
+    """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
+
+    With lines a bench is looked for (``set_up``) by default on a GPU alone: of many lines it takes a CPU minutes. Where
+    lines do not tell the image ``direct`` looks for one on both.
+    """
+
+    profile: Section | Literal["found"] = "found"
+    """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
+    explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
+    jumps: Annotated[int, Field(ge=0, le=20)] = 3
+    """Rounds in which lines are added, removed and jump, at most."""
+    most_lines: Annotated[int, Field(ge=1, le=500)] = 60
+    left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
+    """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""

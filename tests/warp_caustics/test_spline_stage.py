@@ -1,0 +1,61 @@
+"""Large reliefs go through the linear stage by blocks: the same numbers as by whole matrices."""
+
+import pytest
+import torch
+
+from warp_caustics import CausticSimulator, Scene, spline_stage
+from warp_caustics.banded import BLOCK_ROWS
+from warp_caustics.height_field import PREFILTER_REACH
+
+N = 2 * BLOCK_ROWS + 90
+"""Samples: three blocks, the last one a rest."""
+
+
+def engine(monkeypatch, by_blocks: bool, rows: bool = False):
+    """Of a lattice with more photons than samples along x and fewer along y, so that blocks overlap otherwise."""
+    monkeypatch.setattr(spline_stage, "MAX_WHOLE_SAMPLES", 0 if by_blocks else N)
+    scene = Scene(height_samples=N, image_pixels=16, plate_size_m=(0.045, 0.02))
+    made = CausticSimulator(scene, n_photons=700 * 310, dtype=torch.float64).engine
+    if not rows:
+        made.rows = None
+    assert made.spline.by_blocks == by_blocks
+    return made
+
+
+def noise(*shape: int) -> torch.Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(len(shape)), dtype=torch.float64)
+
+
+def assert_close(found, expected):
+    assert float((found - expected).abs().max()) <= 1e-12 * float(expected.abs().max())
+
+
+def test_coefficients_and_their_adjoint(monkeypatch):
+    """By blocks, by whole matrices, and by the kernel that looks no farther than the filter reaches."""
+    blocks, whole, kernel = engine(monkeypatch, True), engine(monkeypatch, False), engine(monkeypatch, False, True)
+    heights, grad = noise(2, N, N), noise(2, N + 4, N + 4)
+    for other in (blocks, kernel):
+        assert_close(other.coefficients(heights), whole.coefficients(heights))
+        assert_close(other.coefficients_adjoint(grad), whole.coefficients_adjoint(grad))
+
+
+def test_maps_of_a_lattice_and_their_adjoint(monkeypatch):
+    """Of a chunk that begins within the lattice."""
+    blocks, whole = engine(monkeypatch, True), engine(monkeypatch, False)
+    chunk = list(whole.plan.chunks(170 * whole.plan.columns))[1]
+    assert chunk.first_row > 0 and chunk.rows < whole.plan.rows
+    coefficients = noise(2, N + 4, N + 4)
+    positions = whole.positions(chunk)
+    expected = whole.maps(coefficients, chunk, positions)
+    assert_close(blocks.maps(coefficients, chunk, positions), expected)
+    grad = noise(*expected.shape)
+    assert_close(blocks.maps_adjoint(coefficients, chunk, grad), whole.maps_adjoint(coefficients, chunk, grad))
+
+
+@pytest.mark.parametrize("n", [600, 1200])
+def test_blocks_hold_what_grows_with_the_samples(n):
+    """Entries that are kept for an axis: a band, not the square."""
+    scene = Scene(height_samples=n, image_pixels=16)
+    spline = CausticSimulator(scene, n_photons=100).engine.spline
+    kept = sum(block.entries.numel() for block in spline._prefilter_blocks.blocks)
+    assert kept <= (n + 4) * (BLOCK_ROWS + 2 * PREFILTER_REACH)
