@@ -131,15 +131,35 @@ def posterior_samples(
     reliefs = np.stack(found)
     residuals = np.array([resimulation(each).residual for each in found])
     chosen = farthest(reliefs, count, first=int(residuals.argmin()))
-    reliefs = reliefs[chosen]
-    apart = reliefs.std(axis=0, ddof=1) if len(chosen) > 1 else np.abs(reliefs[0] - result_m)
+    return samples_of(reliefs[chosen], residuals[chosen], result_m, resimulation, uncertainty_m, scale)
+
+
+def samples_of(
+    reliefs_m: FloatArray,
+    residuals: FloatArray,
+    result_m: FloatArray,
+    resimulation: Resimulation,
+    uncertainty_m: FloatArray | None = None,
+    scale: float = 1.0,
+) -> Samples:
+    """Reliefs with how far they lie apart.
+
+    Args:
+        reliefs_m: shape [N, n, n] [m].
+        residuals: of each, shape [N].
+        result_m: the relief that was found [m], shape [n, n].
+        resimulation: of the image.
+        uncertainty_m: of the result [m], shape [n, n]; None if unknown.
+        scale: of the network's plate over the user's.
+    """
+    apart = reliefs_m.std(axis=0, ddof=1) if len(reliefs_m) > 1 else np.abs(reliefs_m[0] - result_m)
     where = apart > DIFFERENT_M / scale
     within = None
     if uncertainty_m is not None and where.any():
-        within = float((np.abs(reliefs - result_m) <= 2 * uncertainty_m)[:, where].mean())
+        within = float((np.abs(reliefs_m - result_m) <= 2 * uncertainty_m)[:, where].mean())
     return Samples(
-        reliefs,
-        residuals[chosen],
+        reliefs_m,
+        residuals,
         resimulation(result_m).residual,
         float(np.sqrt(np.mean(apart[where] ** 2))) if where.any() else 0.0,
         float(where.mean()),
