@@ -14,6 +14,7 @@ import torch
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.line_posterior import height_deviation
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.errors import InputError
@@ -44,12 +45,19 @@ class OnBench:
         view: the image on that bench.
         bench: its numbers and light.
         numbers: that it is told by.
+        covariance: of lines and bench together (:mod:`nets.reconstruct.fibres.line_posterior`).
     """
 
     lines: torch.Tensor
     view: LinesView
     bench: Bench
     numbers: BenchNumbers
+    covariance: FloatArray
+
+    @property
+    def deviation_m(self) -> FloatArray:
+        """Of heights by what both leave open [m], shape [n, n]."""
+        return height_deviation(self.view.model, self.lines, self.covariance)
 
     @property
     def record(self) -> FoundBench:
@@ -93,7 +101,7 @@ def bench_of_design(
         if was is None or now is None or not now < GAIN * was:
             return best
         lines, view = moved, found
-        best = OnBench(lines, view, at, numbers)
+        best = OnBench(lines, view, at, numbers, together.covariance(lines, at))
         if is_explained(now):
             return best
     return best

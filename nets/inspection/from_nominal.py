@@ -354,6 +354,8 @@ class _Run:
             rest = self.resimulation.rest(heights)
             if rest is not None:
                 sigma = np.hypot(sigma, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
+        if self.on_bench is not None and sigma is not None:
+            sigma = np.hypot(sigma, self.on_bench.deviation_m)
         if self.on_bench is not None:
             scene = self.resimulation.simulator.scene
             light = {"light": self.on_bench.bench.field.tolist()}
@@ -385,5 +387,6 @@ class _Run:
                 reconstruction, self.measured, self.method.simulator, self.method.numbers, self.free
             )
         if self.options.bench_uncertainty:
-            reconstruction = with_bench(reconstruction, self.method.numbers)
+            counted = () if self.on_bench is None else self.on_bench.numbers.names
+            reconstruction = with_bench(reconstruction, self.method.numbers, counted)
         return FromNominalResult(reconstruction, self.lines.fitted)
