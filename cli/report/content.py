@@ -26,11 +26,11 @@ class ReportContent:
         simulated: caustic of the recovered relief [W/m^2], shape [n_w, m, m].
         heights_m: recovered relief [m], shape [n, n].
         uncertainty_m: its standard uncertainty [m], shape [n, n], if known.
-        samples_m: reliefs that explain the image about as well [m], shape [N, n, n], if they were asked for.
         reference_m: true relief [m], shape [n, n], if known.
         stages: what was done to the frame.
         inspection: comparison with a design, if there is one.
         mask: pixels of ``measured`` that hold a measurement, shape [n_w, m, m]; None if all do.
+        samples_m: reliefs that explain the image about as well [m], shape [N, n, n], if they were asked for.
     """
 
     title: str
@@ -41,7 +41,7 @@ class ReportContent:
     heights_m: "FloatArray"
     uncertainty_m: "FloatArray | None" = None
     reference_m: "FloatArray | None" = None
-    samples_m: "FloatArray | None" = None
     stages: "Sequence[CaptureStage]" = ()
     inspection: "Inspection | None" = None
     mask: "npt.NDArray[np.bool_] | None" = None
+    samples_m: "FloatArray | None" = None

@@ -125,9 +125,9 @@ class Reconstruction:
     uncertainty_m: FloatArray | None = None
     iterates_m: FloatArray | None = None
     fibres_m: FloatArray | None = None
-    samples_m: FloatArray | None = None
     no_uncertainty: str = ""
     trust: "Trust | None" = None
+    samples_m: FloatArray | None = None
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.heights_m.shape))
