@@ -31,8 +31,8 @@ Plan = Literal["refine", "direct", "fibres", "transport+refine"]
 NETWORKED = ("direct", "fibres")
 """Plans whose methods ask a network, and take options about the bench."""
 
-LEFT_ALONE = 25
-"""Lines from which on a CPU leaves them to ``direct``: fewer take it some ten to sixty seconds, more take minutes."""
+LEFT_ALONE = 20
+"""Lines from which on a CPU leaves them to ``direct``: fewer take two cores some ten to forty seconds, more minutes."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ the image better than those on the bench that was told.
 import dataclasses
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol, Self
 
 import numpy as np
@@ -137,6 +137,15 @@ class BenchSearch:
             warnings=(*kept.warnings, *record.warnings()),
         )
 
+    def looks_other(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> bool:
+        """Whether the image shows at a glance, by one step, that the bench is not as it is told; as for a call."""
+        try:
+            step = self._step_of(image, told)(answer, self._before)
+        except CausticsError:
+            return False
+        found = self._significant(step.values, step.sigma)
+        return any(found[name] != was for name, was in self._before.items())
+
     def cleared(self, image: CausticImage) -> CausticImage:
         """The image without the stray light that is told."""
         if not self.numbers.before[AMBIENT]:
@@ -153,19 +162,11 @@ class BenchSearch:
         self, image: CausticImage, told: Reconstruction, answer: FloatArray, progress: ProgressCallback | None
     ) -> tuple[dict[str, float], list[BenchStep], dict[str, float]]:
         """Values, the steps to them, and their deviations."""
-        scene, device = self.method.scene, self.method.device
-        pixels = self.method.refinement.pixels
-        camera = ChannelCamera.of_record(told.counters["camera"], scene.image_pixels)
-        blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
-        together = channels_together(image, camera, device) if camera.displaces else image
-        factor = scene.image_pixels // pixels
-        measurement = measurement_at(together, scene, pixels, device, -(-BORDER_PX // factor))
-        model, noise = BenchModel(self.numbers, pixels, device, blur), self._noise(image) / factor
+        stepped = self._step_of(image, told)
         values, heights, steps = dict(self._before), answer, []
         sigma: dict[str, float] = {}
         for turn in range(ROUNDS):
-            relief = torch.tensor(heights, dtype=torch.float32, device=device)
-            step = bench_step(model, relief, values, measurement, noise)
+            step = stepped(heights, values)
             steps.append(step)
             if progress is not None:
                 progress(Progress("looking for the bench", turn + 1, ROUNDS, math.nan, 0.0))
@@ -179,6 +180,25 @@ class BenchSearch:
             if turn + 1 < ROUNDS:
                 heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
         return values, steps, sigma
+
+    def _step_of(
+        self, image: CausticImage, told: Reconstruction
+    ) -> Callable[[FloatArray, Mapping[str, float]], BenchStep]:
+        """What an image says of the bench at heights [m], shape [n, n], and values of its numbers."""
+        scene, device = self.method.scene, self.method.device
+        pixels = self.method.refinement.pixels
+        camera = ChannelCamera.of_record(told.counters["camera"], scene.image_pixels)
+        blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
+        together = channels_together(image, camera, device) if camera.displaces else image
+        factor = scene.image_pixels // pixels
+        measurement = measurement_at(together, scene, pixels, device, -(-BORDER_PX // factor))
+        model, noise = BenchModel(self.numbers, pixels, device, blur), self._noise(image) / factor
+
+        def step(heights: FloatArray, values: Mapping[str, float]) -> BenchStep:
+            relief = torch.tensor(heights, dtype=torch.float32, device=device)
+            return bench_step(model, relief, values, measurement, noise)
+
+        return step
 
     def _noise(self, image: CausticImage) -> torch.Tensor:
         """Standard deviation where light is flat, in units of the radiosity, shape [n_w]."""

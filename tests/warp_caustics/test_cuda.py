@@ -67,6 +67,18 @@ def test_image_and_gradient_match_the_oracle(scene, placement, profile):
         assert float((grad32 - grad).norm()) <= 1e-3 * float(grad.norm())
 
 
+def test_large_reliefs_match_the_cpu():
+    """Spline matrices by blocks, through graphs as well: more samples than go by whole matrices."""
+    scene = FAR.model_copy(update={"height_samples": 600})
+    heights = 1e-5 * torch.randn(2, 600, 600, generator=torch.Generator().manual_seed(0), dtype=torch.float64).abs()
+    expected = gradient(CausticSimulator(scene, n_photons=300**2, dtype=torch.float64), heights.clone())
+    simulator = CausticSimulator(scene, n_photons=300**2, dtype=torch.float64, device="cuda")
+    assert simulator.engine.spline.by_blocks
+    for _ in range(3):
+        for found, other in zip(gradient(simulator, heights), expected, strict=True):
+            assert float((found - other).abs().max()) <= 1e-10 * float(other.abs().max())
+
+
 def test_batch_equals_singles():
     simulator = CausticSimulator(FAR, n_photons=900, device="cuda", dtype=torch.float64)
     stack = bumpy(3)

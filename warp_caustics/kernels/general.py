@@ -14,7 +14,8 @@ too dark, and a reconstruction bend the whole plate to brighten it.
 Paths that meet the relief again are told by ``second_hits.py``. Not modelled: shadows that one part of the relief
 throws on another.
 
-The adjoint is Warp's, of functions without loops. ``collimated.py`` has the short form for light from straight above.
+The adjoint is Warp's, of functions without loops. ``collimated.py`` has the short form for light from straight above,
+``row_general.py`` one for vectors with an adjoint by hand.
 """
 
 from functools import cache

@@ -27,6 +27,16 @@ from warp_caustics.kernels.gaussian_pixels import gaussian_functions
 from warp_caustics.kernels.native import cpu_row_functions, pixel_adder
 from warp_caustics.kernels.profiles import REACH, profile_functions
 
+COLUMN_LANES = 8
+"""Threads that share the columns of a footprint where more of them work on it: the others take other rows. Folds make
+footprints long in any direction."""
+
+
+def lanes_apart(lanes: int) -> tuple[int, int]:
+    """Of threads that share a footprint, how many share its rows and how many its columns."""
+    rows = max(1, lanes // COLUMN_LANES)
+    return rows, lanes // rows
+
 
 @cache
 def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
@@ -56,7 +66,7 @@ def adding_functions(
         dtype: wp.float32 or wp.float64.
         profile: shape of the footprint, one of ``PROFILES``.
         width: wavelengths added at once, over the union of their windows.
-        lanes: threads that share the columns of a row.
+        lanes: threads that share the columns of a row, and the rows (:func:`lanes_apart`).
         is_packed: images are [B, H, W, PACK], all wavelengths side by side, instead of [B, C, H, W].
         in_registers: rows go through a CPU's vector registers; for one wavelength and one lane.
     """
@@ -70,6 +80,7 @@ def adding_functions(
     vector = wp.types.vector(length=width, dtype=dtype)
     half = wp.constant(dtype(0.5))
     one = wp.constant(dtype(1.0))
+    row_lanes, column_lanes = lanes_apart(lanes)
 
     @no_type_check
     @wp.func
@@ -125,8 +136,14 @@ def adding_functions(
             size = image.shape[2]
         inv_x = wp.cw_div(vector(one), f.sigma_x)
         inv_y = wp.cw_div(vector(one), f.sigma_y)
-        below = cumulatives(dtype(first_row), f.row, inv_y)
-        for i in range(first_row, last_row + 1):
+        first_own = first_row
+        last_own = last_row
+        if wp.static(row_lanes > 1):
+            run_of_rows = (last_row - first_row + wp.static(row_lanes)) // wp.static(row_lanes)
+            first_own = first_row + lane // wp.static(column_lanes) * run_of_rows
+            last_own = wp.min(last_row, first_own + run_of_rows - 1)
+        below = cumulatives(dtype(first_own), f.row, inv_y)
+        for i in range(first_own, last_own + 1):
             # --- the row's share of the light [width], and where its profile lies
             above = cumulatives(dtype(i + 1), f.row, inv_y)
             share = wp.cw_mul(f.amplitude, above - below)
@@ -138,10 +155,10 @@ def adding_functions(
                 add_row(image, b, channel, i, first, last, centre[0], inv_x[0], share[0])
             else:
                 left = vector()
-                if wp.static(lanes == 1):
+                if wp.static(column_lanes == 1):
                     left = cumulatives(dtype(first), centre, inv_x)
-                for j in range(first + lane, last + 1, wp.static(lanes)):
-                    if wp.static(lanes > 1):
+                for j in range(first + lane % wp.static(column_lanes), last + 1, wp.static(column_lanes)):
+                    if wp.static(column_lanes > 1):
                         left = cumulatives(dtype(j), centre, inv_x)
                     right = cumulatives(dtype(j + 1), centre, inv_x)
                     light = wp.cw_mul(share, right - left)
@@ -194,6 +211,7 @@ def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool)
     zero = wp.constant(dtype(0.0))
     half = wp.constant(dtype(0.5))
     one = wp.constant(dtype(1.0))
+    row_lanes, column_lanes = lanes_apart(lanes)
 
     @no_type_check
     @wp.func
@@ -208,10 +226,15 @@ def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool)
         g_beta = zero
         g_amplitude = zero
         first_row = first_pixel(f.row, f.sigma_y)
+        last_row = last_pixel(f.row, f.sigma_y, grad_image.shape[2])
+        if wp.static(row_lanes > 1):
+            run_of_rows = (last_row - first_row + wp.static(row_lanes)) // wp.static(row_lanes)
+            first_row += lane // wp.static(column_lanes) * run_of_rows
+            last_row = wp.min(last_row, first_row + run_of_rows - 1)
         t_below = (dtype(first_row) - f.row) * inv_y
         below = cumulative(t_below)
         below_density = density(t_below)
-        for i in range(first_row, last_pixel(f.row, f.sigma_y, grad_image.shape[2]) + 1):
+        for i in range(first_row, last_row + 1):
             t_above = (dtype(i + 1) - f.row) * inv_y
             above = cumulative(t_above)
             above_density = density(t_above)
@@ -229,10 +252,10 @@ def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool)
                 row_slope = sums[1]
                 row_width = sums[2]
             else:
-                if wp.static(lanes > 1):
+                if wp.static(column_lanes > 1):
                     # Each lane takes a run of neighbouring columns, so that edges are evaluated once.
-                    run = (last_column - first_column + wp.static(lanes)) // wp.static(lanes)
-                    first_column += lane * run
+                    run = (last_column - first_column + wp.static(column_lanes)) // wp.static(column_lanes)
+                    first_column += lane % wp.static(column_lanes) * run
                     last_column = wp.min(last_column, first_column + run - 1)
                 t_left = (dtype(first_column) - centre) * inv_x
                 left = cumulative(t_left)

@@ -17,6 +17,7 @@ import torch
 
 from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.fibres.after_lines import after_lines
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
@@ -114,11 +115,17 @@ class Fibres(Reconstructor):
         best so far.
         """
         started, measured = time.perf_counter(), check_image(image, self.scene)
-        image = BenchSearch(self.network, self.network.numbers).cleared(measured)
+        search = BenchSearch(self.network, self.network.numbers)
+        image = search.cleared(measured)
         answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = _Run(self, image, answer, started, progress)
+        is_hasty = self.options.left_alone is not None and not self.finds_bench and not self.is_told_exactly
+        if is_hasty and search.looks_other(image, answer, answer.heights_m):
+            # Lines would be searched for in vain on a bench that is not there.
+            run.leave()
+            return self._by_network(run, measured, progress)
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
         if not run.takes_lines and is_free and (self.options.samples or not self.is_told_exactly):
@@ -146,19 +153,9 @@ class Fibres(Reconstructor):
         after = following(progress, len(log.history), log.started, "without lines, ")
         self._direct.asked_before = self.network.asked_before
         found = self._direct.reconstruct(image, progress=after)
-        before = [entry for entry in log.history if isinstance(entry, dict)]
-        history = before + [
-            entry | {"iteration": len(before) + k + 1, "elapsed_s": entry["elapsed_s"] + run.seconds}
-            for k, entry in enumerate(found.history)
-        ]
-        return dataclasses.replace(
-            found,
-            method=self.name,
-            history=history,
-            timings_s=run.timings | {f"{name} without lines": value for name, value in found.timings_s.items()},
-            counters=found.counters | run.counters | {"explained_by": "network"},
-            settings=found.settings | self.options.model_dump(),
-        )
+        timings, counters = run.timings, run.counters | {"explained_by": "network"}
+        told = after_lines(found, log.history, run.seconds, timings, counters)
+        return dataclasses.replace(told, method=self.name, settings=found.settings | self.options.model_dump())
 
 
 class _Run:
@@ -199,6 +196,11 @@ class _Run:
         self.moves_section = False
         self.takes_lines = self.is_noise_left = False
         self.seconds, self.timings, self.counters = 0.0, dict[str, float](), dict[str, Any]()
+
+    def leave(self) -> None:
+        """No lines."""
+        self.seconds = self.timings["network"] = self.log.elapsed_s
+        self.counters = {"fibres": 0}
 
     def fit(self) -> None:
         """Lines, and the bench that they tell where they do not explain the image on the one that was told."""

@@ -22,4 +22,5 @@ class FibresOptions(DirectOptions):
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
-    """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""
+    """Lines from which on they are not searched for on the image, which then is left to ``direct``, as it is where the
+    bench looks other than told and is not looked for with lines; None: never."""

@@ -91,6 +91,27 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
 
 
+def test_a_hasty_search_for_lines_leaves_images_of_other_benches_to_direct(monkeypatch, truthful, saved, relief):
+    """Told at a glance; on a bench that is as told lines are looked for."""
+    method = truthful()
+    as_told, moved = taken(relief), taken(relief, screen_x_m=3e-4)
+    found = [method.found(image) for image in (as_told, moved)]
+    search = BenchSearch(method, method.numbers)
+    told = [
+        search.looks_other(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)
+    ]
+    assert told == [False, True]
+
+    asked = []
+    monkeypatch.setattr("nets.reconstruct.fibres.method._Run.fit", lambda self: asked.append(self))
+    options = {"weights": saved("direct", scene=SCENE), "refine": False}
+    result = create("fibres", SCENE, left_alone=20, **options).reconstruct(moved)
+    assert not asked and result.method == "fibres" and result.counters["explained_by"] == "network"
+    assert result.counters["bench"]["is_kept"]
+    create("fibres", SCENE, left_alone=20, set_up="known", **options).reconstruct(moved)
+    assert len(asked) == 1
+
+
 def test_on_another_bench_both_networks_are_asked():
     """One sees the picture as its own bench would have shown it, the other is told of the bench, within its family."""
     method = create("direct", Scene())
