@@ -1,4 +1,4 @@
-"""What a reconstruction is told of its bench besides the scene: stray light, how sure all is, and whether to look."""
+"""What a reconstruction is told besides the scene: stray light, how sure all is, what to look for and to give."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,9 @@ SERVED = ("auto", "direct", "fibres")
 """Methods that look for a bench, and take stray light off."""
 
 
-def told_options(config: Config, bench: str | None, set_up: str | None, priors: Sequence[str]) -> Config:
+def told_options(
+    config: Config, bench: str | None, set_up: str | None, priors: Sequence[str], samples: int | None = None
+) -> Config:
     """The configuration with what options and a calibrated bench say; what it holds already wins over the bench.
 
     Args:
@@ -18,9 +20,10 @@ def told_options(config: Config, bench: str | None, set_up: str | None, priors: 
         bench: bench.yaml of a calibration; None is none.
         set_up: known or estimate; None leaves it to the configuration.
         priors: NAME=WIDTH each.
+        samples: reliefs to give besides; None leaves it to the configuration.
 
     Raises:
-        InputError: a search or widths for a method that knows none.
+        InputError: a search, widths or samples for a method that knows none.
     """
     from cli.calibration.shots import named_numbers
 
@@ -29,11 +32,18 @@ def told_options(config: Config, bench: str | None, set_up: str | None, priors: 
     widths = named_numbers(priors, "--prior")
     if reconstruction.method not in SERVED:
         asked = "--set-up estimate" if set_up == "estimate" else "--prior" if widths else ""
+        if samples:
+            raise InputError(
+                f"--samples {samples} is for --method {', '.join(SERVED)}; {reconstruction.method} finds one relief "
+                "and knows of no other"
+            )
         if asked:
             raise InputError(f"{asked} is for --method {', '.join(SERVED)}, not {reconstruction.method}")
         return config
     if set_up is not None:
         options["set_up"] = set_up
+    if samples is not None:
+        options["samples"] = samples
     before = {} if bench is None else _of_bench(bench)
     known = before.pop("priors", {}) | dict(options.pop("priors", {})) | widths
     options = before | options | ({"priors": known} if known else {})

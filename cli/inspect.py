@@ -60,6 +60,11 @@ SECTIONS = ("cosine", "quarter")
     "--density", metavar="KG_M3", type=number, help="Of the glass [kg/m^3]. [default: that of the scene's glass]"
 )
 @click.option(
+    "--placed",
+    is_flag=True,
+    help="The picture lies where DESIGN says: judge shift, turn and size of the whole, do not find them first.",
+)
+@click.option(
     "--watch",
     metavar="SECONDS",
     type=number,
@@ -82,6 +87,7 @@ def inspect(
     mask: str | None,
     margin: float,
     density: float | None,
+    placed: bool,
     watch: float | None,
     force: bool,
     bench: str | None,
@@ -126,6 +132,7 @@ def inspect(
         tolerance_m=tolerance,
         margin_m=margin,
         density_kg_m3=density,
+        is_placed=placed,
         files={role: path for role, path in files.items() if path is not None},
         capture=capture,
         device=device,

@@ -13,6 +13,9 @@ from warp_caustics.errors import EXIT_INTERRUPTED
 SET_UPS = ("known", "estimate")
 """Of ``nets.reconstruct.direct``, which takes too long to load for a line of help."""
 
+MOST_SAMPLES = 5
+"""Of ``nets.reconstruct.posterior_samples``; likewise."""
+
 TRANSPORT = "transport"
 """Value of --initial that is no file; a file of that name is ./transport."""
 
@@ -48,6 +51,13 @@ TRANSPORT = "transport"
     help="Standard deviation of a number that is told, in SI units or as gap_m=5um; 0 is exact. Of the uncertainty, "
     "and of --set-up estimate (direct, fibres, auto).",
 )
+@click.option(
+    "--samples",
+    type=click.IntRange(0, MOST_SAMPLES),
+    metavar="N",
+    help="Write N reliefs besides that explain the image about as well and differ where it leaves the heights open, up "
+    "to 5 (direct, fibres, auto). Takes eight more refinements.",
+)
 @click.option("--seed", type=integer, help="For methods that draw random numbers, as nsfc does.")
 @click.option("--force", is_flag=True, help="Replace an earlier result.")
 @bench_option
@@ -67,6 +77,7 @@ def reconstruct(
     bench: str | None,
     set_up: str | None,
     priors: tuple[str, ...],
+    samples: int | None,
     seed: int | None,
     device: str,
     config_source: str | None,
@@ -99,7 +110,7 @@ def reconstruct(
         },
         bench=bench,
     )
-    config = told_options(config, bench, set_up, priors)
+    config = told_options(config, bench, set_up, priors, samples)
     start = None if initial == TRANSPORT else initial
     files = {"initial": start, "reference": reference, "bench": bench}
     capture_settings(capture)  # what is wrong with it is wrong for every image

@@ -13,7 +13,7 @@ from cli.inputs import Inputs
 from cli.output import ResultKind, write_print
 from cli.provenance import provenance
 from cli.report.content import ReportContent
-from warp_caustics.io.atomic import write_text
+from warp_caustics.io.atomic import atomic_path, write_text
 from warp_caustics.io.heights import write_heights
 from warp_caustics.io.json_file import write_json
 from warp_caustics.io.printable import printable
@@ -37,7 +37,10 @@ UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 FIBRE_FILES = ("printed_lines.csv",)
 """What it holds besides where the method found the lines that were printed."""
 
-ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES)
+SAMPLE_FILES = ("samples.npy",)
+"""What it holds besides where samples were asked for: of what the image leaves open, shape [N, n, n] [m], float32."""
+
+ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES, *SAMPLE_FILES)
 RECONSTRUCTION = ResultKind("reconstruction", ALL_FILES)
 
 
@@ -110,6 +113,9 @@ def write_results(
         write_figure(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
     if result.fibres_m is not None:
         write_lines(folder / "printed_lines.csv", [Line((a, b), (c, d), w, h) for a, b, c, d, w, h in result.fibres_m])
+    if result.samples_m is not None:
+        with atomic_path(folder / SAMPLE_FILES[0]) as temporary:
+            np.save(temporary, result.samples_m.astype(np.float32), allow_pickle=False)
     write_print(folder, result.heights_m, scene)
     figure = overview_figure(
         scene=scene,
@@ -128,6 +134,7 @@ def write_results(
         heights_m=result.heights_m,
         uncertainty_m=result.uncertainty_m,
         reference_m=inputs.reference,
+        samples_m=result.samples_m,
         stages=inputs.capture.stages,
         inspection=inspection,
         mask=inputs.capture.mask,
@@ -208,6 +215,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
     if result.fibres_m is not None:
         files = (*files, *FIBRE_FILES)
+    if result.samples_m is not None:
+        files = (*files, *SAMPLE_FILES)
     low, high = (height * 1e3 for height in record["height_range_m"])
     lines = [
         *trust_lines(record),
@@ -235,6 +244,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
         )
     elif record["no_uncertainty"]:
         lines.append(f"uncertain  none, because {record['no_uncertainty']}")
+    if result.counters.get("samples"):
+        lines.append(f"samples    {result.counters['samples']['line']}")
     if record["initial_errors"]:
         lines.append(f"start      RMSE {record['initial_errors']['rmse_um']:.4g} um")
     return lines

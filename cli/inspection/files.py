@@ -14,6 +14,7 @@ from warp_caustics.io.json_file import write_json
 
 if TYPE_CHECKING:
     from warp_caustics.inspection.findings import Inspection
+    from warp_caustics.inspection.place import Place
     from warp_caustics.scene import Scene
 
 OWN_FILES = (
@@ -29,7 +30,7 @@ _REGION_COLUMNS = (
 )  # fmt: skip
 _FIBRE_COLUMNS = (
     "name", "status", "start_x_mm", "start_y_mm", "end_x_mm", "end_y_mm", "height_error_um", "displacement_um",
-    "volume_mm3",
+    "volume_mm3", "width_error_um",
 )  # fmt: skip
 
 
@@ -53,7 +54,19 @@ def inspection_record(found: "Inspection") -> dict[str, Any]:
         "mass_kg": found.mass_kg,
         "regions": [vars(region) for region in found.regions],
         "fibres": [vars(fibre) for fibre in found.fibres],
+        "place": None if found.place is None else place_record(found.place),
         "warnings": found.warnings,
+    }
+
+
+def place_record(place: "Place") -> dict[str, Any]:
+    """Where the whole picture lies, with standard uncertainties in the order of shift, turn, size and gain."""
+    return {
+        "shift_m": place.shift_m,
+        "turn_rad": place.turn_rad,
+        "size": place.size,
+        "gain": place.gain,
+        "sigma": place.sigma,
     }
 
 
@@ -105,6 +118,7 @@ def _fibre_row(fibre: Any) -> dict[str, Any]:
         "height_error_um": _rounded(fibre.height_error_m * 1e6),
         "displacement_um": _rounded(fibre.displacement_m * 1e6),
         "volume_mm3": _rounded(fibre.volume_m3 * 1e9),
+        "width_error_um": _rounded(fibre.width_error_m * 1e6),
     }
 
 

@@ -61,6 +61,7 @@ class InspectionJob:
         tolerance_m: [m].
         margin_m: border that is not judged [m], for the record.
         density_kg_m3: of the glass; None takes that of the scene's.
+        is_placed: the picture lies where the design says.
         files: paths by role: nominal, mask.
         capture: options on how to read an image, see :mod:`cli.capture_options`.
         device: value of --device.
@@ -74,6 +75,7 @@ class InspectionJob:
     tolerance_m: float
     margin_m: float
     density_kg_m3: float | None
+    is_placed: bool
     files: Mapping[str, str]
     capture: Mapping[str, Any]
     device: str
@@ -96,6 +98,8 @@ class InspectionJob:
             "density_kg_m3": self.density_kg_m3,
             "capture": frames,
         }
+        if self.is_placed:
+            tree["is_placed"] = True
         if self.nominal.section != "cosine":
             tree["section"] = self.nominal.section  # left out where it is as always, so that older tables stay valid
         if calibration:
@@ -163,6 +167,7 @@ class InspectionJob:
                 fitted=found.lines,
                 mask=self.judged,
                 density_kg_m3=self.density_kg_m3,
+                is_placed=self.is_placed,
             )
             inspection = doubted(inspection, plate.trust)
             result = result_record(plate, inputs, config)
@@ -201,6 +206,8 @@ def summary(output: str, found: "Inspection", record: Mapping[str, Any]) -> list
         f"volume     {found.volume_m3 * 1e9:.4g} mm^3 (nominal {found.nominal_volume_m3 * 1e9:.4g}), "
         f"{found.mass_kg * 1e3:.4g} g"
     )
+    if found.place is not None:
+        lines.append(f"picture    {found.place.line}")
     if found.fibres:
         lines.append(f"fibres     {len(found.fibres)}, {len(found.fibres) - len(odd)} as designed")
     lines.append(f"residual   {record['residual']:.4g} of the image")

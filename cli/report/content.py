@@ -30,6 +30,7 @@ class ReportContent:
         stages: what was done to the frame.
         inspection: comparison with a design, if there is one.
         mask: pixels of ``measured`` that hold a measurement, shape [n_w, m, m]; None if all do.
+        samples_m: reliefs that explain the image about as well [m], shape [N, n, n], if they were asked for.
     """
 
     title: str
@@ -43,3 +44,4 @@ class ReportContent:
     stages: "Sequence[CaptureStage]" = ()
     inspection: "Inspection | None" = None
     mask: "npt.NDArray[np.bool_] | None" = None
+    samples_m: "FloatArray | None" = None

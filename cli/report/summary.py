@@ -68,6 +68,12 @@ def rest_line(record: Mapping[str, Any]) -> str:
     return f"Left: {line}." if line else ""
 
 
+def samples_line(record: Mapping[str, Any]) -> str:
+    """How far samples of what the image leaves open lie apart, as a sentence; empty where none were asked for."""
+    line = str(mapping(mapping(record.get("counters")).get("samples")).get("line") or "")
+    return f"Samples {line}." if line else ""
+
+
 def no_uncertainty(record: Mapping[str, Any]) -> str:
     """Why the result has no uncertainty, as a sentence; empty where it has one."""
     why = str(record.get("no_uncertainty") or "")

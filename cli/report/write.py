@@ -37,7 +37,16 @@ def report_text(content: "ReportContent") -> str:
     from cli.report.number import number
     from cli.report.pictures import CAUSTIC_PIXELS, JPEG_QUALITY, STAGE_PIXELS
     from cli.report.stages import shown_stages
-    from cli.report.summary import VERDICTS, coverage, headline, key_figures, no_uncertainty, rest_line, trust_line
+    from cli.report.summary import (
+        VERDICTS,
+        coverage,
+        headline,
+        key_figures,
+        no_uncertainty,
+        rest_line,
+        samples_line,
+        trust_line,
+    )
     from cli.report.tables import (
         bench_rows,
         fibre_rows,
@@ -74,6 +83,8 @@ def report_text(content: "ReportContent") -> str:
         rest=rest_line(record),
         no_uncertainty=no_uncertainty(record),
         caustics=_caustic_frames(content),
+        samples_apart=_sample_frames(content),
+        samples_line=samples_line(record),
         regions=region_rows(found) if found else [],
         bench=bench_rows(record),
         fibres=fibre_rows(found) if found else [],
@@ -107,6 +118,36 @@ def _lit_frame(content: "ReportContent") -> tuple["Frame", float]:
     uri = rgb_picture(lit_glass(heights, content.scene, factor))
     size_mm = content.scene.plate_size_m[0] * 1e3, content.scene.plate_size_m[1] * 1e3
     return plate_frame(uri, "The recovered relief as lit glass", size_mm, smooth=True), factor
+
+
+def _sample_frames(content: "ReportContent") -> list["Frame"]:
+    """What each sample has more than the result; none where they agree everywhere."""
+    import numpy as np
+
+    from cli.report.arrays import MAP_SAMPLES
+    from cli.report.colours import DEVIATION
+    from cli.report.frame import colour_bar, plate_frame
+    from cli.report.pictures import map_picture
+
+    if content.samples_m is None:
+        return []
+    apart = (content.samples_m - content.heights_m) * 1e6
+    largest = float(np.abs(apart).max())
+    if not largest > 0:
+        return []
+    # What differs is a few per cent of the plate: a scale by the largest would show its peak only.
+    limit = float(np.quantile(np.abs(apart)[np.abs(apart) > 1e-3 * largest], 0.95))
+    size_mm = content.scene.plate_size_m[0] * 1e3, content.scene.plate_size_m[1] * 1e3
+    bar = colour_bar("sample - result [um]", -limit, limit, DEVIATION)
+    return [
+        plate_frame(
+            map_picture(values, -limit, limit, DEVIATION, MAP_SAMPLES),
+            f"Map of sample {number} minus the result",
+            size_mm,
+            bar=bar,
+        )
+        for number, values in enumerate(apart, 1)
+    ]
 
 
 def _caustic_frames(content: "ReportContent") -> dict[str, "Frame"]:

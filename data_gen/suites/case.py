@@ -88,6 +88,14 @@ class Case:
         """Of its files; unique in its suite."""
         return f"{self.row}_{self.plate.number}"
 
+    @property
+    def is_bench_exact(self) -> bool:
+        """Whether the bench is exactly as told, which methods are told too; of one with a camera nobody says so.
+
+        A picture that is moved or too large as a whole is a bench other than told.
+        """
+        return self.camera is None and self.scene == self.told and not self.condition.is_displaced
+
     def record(self) -> dict[str, Any]:
         """Everything that decides truth and image, as JSON values."""
         return {

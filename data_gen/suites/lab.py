@@ -165,7 +165,17 @@ def cases(count: int) -> list[Case]:
 def _case(row: str, bench: LabBench, number: int) -> Case:
     # A seed for each bench: five plates each, not the same five four times.
     seed = SEED + 100 * list(BENCHES).index(row)
-    plate = Plate(bench_plates(seed, PLATES, KINDS[number], bench.told), number, bench.bow_m)
+    return on_bench(row, Plate(bench_plates(seed, PLATES, KINDS[number], bench.told), number, bench.bow_m))
+
+
+def on_bench(row: str, plate: Plate) -> Case:
+    """Any plate on a bench of the suite; directions are drawn for each.
+
+    Args:
+        row: name of the bench.
+        plate: on the scene that its bench is told.
+    """
+    bench = BENCHES[row]
     directions = plate.rng("bench")
 
     def drawn() -> tuple[float, float]:

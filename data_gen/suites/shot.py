@@ -47,7 +47,17 @@ def measured(case: Case, light: Light) -> Measured:
         case: the case.
         light: simulates.
     """
-    heights = true_heights(case)
+    return measured_relief(case, true_heights(case), light)
+
+
+def measured_relief(case: Case, heights: FloatArray, light: Light) -> Measured:
+    """The same of any relief on the case's bench.
+
+    Args:
+        case: gives bench and camera.
+        heights: what was printed, with the base's bow [m], shape [n, n].
+        light: simulates.
+    """
     image = light.behind_plate(case, heights)
     if case.camera is None:
         return Measured(heights, _measured_light(case, image, light))

@@ -4,30 +4,36 @@ Descent from the design finds small deviations exactly and large ones (a
 missing fibre) never; a network that is told nothing finds large ones, and errs
 on folds and crossings, where several reliefs give the image. So
 
-1. lines are looked for in the network's answer and fitted to the image (``line_candidates.py``). Where nothing but
-   noise is left of the image, and no part of the network's answer or of the design fits better, this is the result;
+1. lines are looked for in the network's answer and fitted to the image (``line_candidates.py``), and where they leave
+   more than noise also the bench that they tell (``bench_of_design.py``). Where nothing but noise is left of the image,
+   and no part of the network's answer or of the design fits better, this is the result;
 2. else network, design and lines are candidates: part by part of the plate that
    is taken whose caustic fits the image there (``selection.py``);
 3. that is refined on the exact model, in the end at all pixels; the design's
    lines are fitted once more, and the parts chosen once more.
 
-Limit: where no candidate is near the truth, the result is not either. The
-uncertainty (``fibres/uncertainty.py``) does not show it; the residual may.
+Limit: where no candidate is near the truth, the result is not either. What is
+left of the image and how well the bench is known are part of the uncertainty.
 """
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from pydantic import Field
 
+from nets.inspection.bench_of_design import OnBench, bench_of_design
 from nets.inspection.line_candidates import LineCandidates
 from nets.inspection.selection import MisfitMap, better_parts
 from nets.reconstruct import methods
-from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
+from nets.reconstruct.fibres.bench_of_lines import as_measured
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.search import Answer
 from nets.reconstruct.fibres.uncertainty import (
     EXPLAINED_LINES,
     LINES,
@@ -36,17 +42,24 @@ from nets.reconstruct.fibres.uncertainty import (
     design_uncertainty,
     disagreement,
 )
+from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_causes import with_causes
 from warp_caustics.errors import InputError, MismatchError
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.fit import FittedLine
 from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction, StopReason
-from warp_caustics.reconstruct.pyramid import check_image, check_initial
+from warp_caustics.reconstruct.pyramid import check_image, check_initial, measurement_at, simulator_at
+from warp_caustics.reconstruct.refine.height_descent import HeightDescent
 from warp_caustics.reconstruct.refine.options import RefineOptions
-from warp_caustics.reconstruct.refine.refine import Refine
+from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.reconstruct.result import Resimulation, as_glass
+from warp_caustics.reconstruct.run_log import RunLog, following, note_evaluation, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.strict import Strict
@@ -75,6 +88,15 @@ class FromNominalOptions(Strict):
     are searched for, which takes minutes on a CPU."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds of jumps of lines that no design tells of, at most; see ``fibres``."""
+    set_up: Literal["known", "estimate"] | None = None
+    """Whether the bench is as it is told, or found with the design's lines where they leave more than noise; None: it
+    is found on a GPU. Of many lines it takes a CPU minutes."""
+    priors: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(default_factory=dict)
+    """Standard deviations of what is told of the bench, by name; 0 is exact."""
+    bench_uncertainty: bool = True
+    """Whether the standard uncertainty knows how well the bench is known."""
+    causes: bool = True
+    """Whether what is left of the image is part of the standard uncertainty, and asked what it looks like."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +126,8 @@ class FromNominal:
     def __init__(self, scene: Scene, options: FromNominalOptions | None = None, device: str | torch.device = "cpu"):
         self.scene, self.options, self.device = scene, options or FromNominalOptions(), usable_device(device)
         self.simulator = CausticSimulator(scene, "lattice", device=self.device)
+        self.numbers = BenchNumbers.of(scene, self.options.priors)
+        self.finds_bench = (self.options.set_up or ("estimate" if self.device.type == "cuda" else "known")) != "known"
         self.refusal: str | None = None
         try:
             self.free = methods.create(
@@ -155,7 +179,7 @@ class _Run:
         nominal: Nominal,
         progress: ProgressCallback | None,
     ):
-        self.method, self.scene, self.options = method, method.scene, method.options
+        self.method, self.scene, self.options, self.measured = method, method.scene, method.options, image
         self.nominal, self.has_lines, self.progress = nominal.relief_m.astype(np.float64), bool(nominal.lines), progress
         self.lines = LineCandidates(method.scene, nominal, method.device)
         self.counters: dict[str, Any] = {"misfit": {}}
@@ -164,6 +188,7 @@ class _Run:
         self.spread: FloatArray | None = None
         self.free: FloatArray | None = None
         self.is_explained = False
+        self.on_bench: OnBench | None = None
         self.history: list[dict[str, Any]] = []
         self.timings: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -171,7 +196,7 @@ class _Run:
 
     def _judge_by(self, resimulation: Resimulation) -> None:
         self.resimulation, self.image = resimulation, resimulation.image
-        self.misfit = MisfitMap(self.method.simulator, self.image)
+        self.misfit = MisfitMap(resimulation.simulator, self.image, resimulation.camera.blur)
         self.counters["misfit"]["nominal"] = self.total(self.nominal)
 
     def all(self) -> None:
@@ -210,13 +235,28 @@ class _Run:
 
     def _fitted_to_image(self, lines: torch.Tensor) -> FloatArray:
         """Relief of lines that explain the image better; notes whether anything but noise is left of it."""
-        pixels = self._coarse_pixels() if self.method.device.type == "cpu" else self.scene.image_pixels
-        found = self.lines.on_image(lines, self.image, pixels, self.options.jumps, self._note)
-        self.counters["misfit"]["image fit"] = self.total(found)
-        left = Discrepancy(self.scene, self.image, self.method.device)(found)
-        self.counters["discrepancy"] = left
+        view = LinesView(self.resimulation, self.lines.model)
+        found = self._fitted(lines, view)
+        if self.method.finds_bench and len(found) and not view.is_explained(found):
+            numbers = self.method.numbers
+            self.on_bench = bench_of_design(found, view, self.measured, numbers, self._fitted, self._note)
+        if self.on_bench is not None:
+            found, view = self.on_bench.lines, self.on_bench.view
+            self._judge_by(view.resimulation)
+        relief = view.relief(found)
+        self.counters["misfit"]["image fit"] = self.total(relief)
+        self.counters["discrepancy"] = left = view.discrepancy(relief)
         self.is_explained = is_explained(left)
-        return found
+        return relief
+
+    def _fitted(self, lines: torch.Tensor, view: LinesView) -> torch.Tensor:
+        """Lines that explain a view better, shape [L, 6] [m]."""
+        assert self.free is not None
+        pixels = self._coarse_pixels() if self.method.device.type == "cpu" else self.scene.image_pixels
+        spread = np.zeros_like(self.free) if self.spread is None else self.spread / SPREADS
+        relief, apart = (torch.as_tensor(each).to(self.method.device, torch.float32) for each in (self.free, spread))
+        answer = Answer(relief, apart)
+        return self.lines.on_image(lines, view, pixels, self.options.jumps, self._note, answer)
 
     def _is_best_everywhere(self, found: FloatArray) -> bool:
         """Whether no part of the network's answer or of the design fits the image better.
@@ -252,11 +292,11 @@ class _Run:
         self.history += result.history
         self.free = as_glass(result.heights_m, self.scene)
         if "camera" in result.counters:
-            # Lines are fitted to channels that lie together; their model knows no blur.
+            # Lines are fitted to channels that lie together, with the camera's blur in the model.
             camera = ChannelCamera.of_record(result.counters["camera"], self.scene.image_pixels)
             self.counters["camera"] = camera.record
-            if camera.displaces:
-                self._judge_by(self.resimulation.through(camera.sharp()))
+            if not camera.is_perfect:
+                self._judge_by(self.resimulation.through(camera))
         if result.uncertainty_m is not None:
             self.spread = SPREADS / DIRECT_CALIBRATION.scale * result.uncertainty_m.astype(np.float64)
         else:
@@ -279,61 +319,74 @@ class _Run:
         return RefineOptions().resolved("height", False, self.scene, "cpu").finest_pixels or self.scene.image_pixels
 
     def _refine(self, pixels: int, iterations: int) -> None:
-        refine = Refine(
-            self.scene,
-            RefineOptions(
-                metric="height",
-                coarsest_pixels=pixels,
-                finest_pixels=pixels,
-                max_iterations=iterations,
-                step_m=self.options.step_m,
-            ),
-            self.method.device,
-        )
-        found = refine.descended(self.image, initial=self.best, progress=self._shifted(iterations))
-        done, elapsed = len(self.history), time.perf_counter() - self.started
-        self.history += [
-            entry | {"iteration": done + k + 1, "elapsed_s": elapsed + entry["elapsed_s"]}
-            for k, entry in enumerate(found.log.history)
-        ]
-        # Binned to fewer pixels the misfit may fall while that of all pixels rises a little; later steps mend it.
-        if pixels < self.scene.image_pixels or self.total(found.heights_m) < self.total(self.best):
-            self.best = found.heights_m
-        self.counters["misfit"]["refinement"] = self.total(self.best)
-        if found.reason == "interrupted":
-            raise KeyboardInterrupt
-
-    def _shifted(self, iterations: int) -> ProgressCallback | None:
-        report, done, started = self.progress, len(self.history), self.started
-        if report is None:
-            return None
-
-        def show(state: Progress) -> None:
-            elapsed = time.perf_counter() - started
-            report(Progress("refinement", done + state.iteration, done + iterations, state.residual, elapsed))
-
-        return show
+        scene, device, camera = self.resimulation.simulator.scene, self.method.device, self.resimulation.camera
+        wished = RefineOptions(metric="height", max_iterations=iterations, step_m=self.options.step_m)
+        options = wished.resolved("height", False, scene, device.type)
+        descent = HeightDescent(simulator_at(scene, pixels, device), options)
+        measurement = measurement_at(self.image, scene, pixels, device, options.border_pixels)
+        blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
+        progress = following(self.progress, len(self.history), self.started, "")
+        log = RunLog(descent.steps, progress, None, options.discrepancy, started=self.started)
+        try:
+            descent.run(measurement, self.best, partial(note_evaluation, log, "refinement"), blur)
+        except KeyboardInterrupt as stop:
+            if why_stopped(stop) == "interrupted":
+                raise
+        finally:
+            done, found = len(self.history), descent.best_heights()
+            self.history += [entry | {"iteration": done + k + 1} for k, entry in enumerate(log.history)]
+            # Binned to fewer pixels the misfit may fall while that of all pixels rises a little; later steps mend it.
+            if pixels < self.scene.image_pixels or self.total(found) < self.total(self.best):
+                self.best = found
+            self.counters["misfit"]["refinement"] = self.total(self.best)
 
     def result(self, reason: StopReason) -> FromNominalResult:
         """What was found so far."""
-        sigma = None
-        self.counters["explained_by_lines"] = self.is_explained
+        heights, sigma, counters = as_glass(self.best, self.scene), None, self.counters
+        counters["explained_by_lines"] = self.is_explained
         if self.spread is not None:
             kind = EXPLAINED_LINES if self.is_explained else LINES if self.has_lines else RELIEF
             sigma = design_uncertainty(self.spread, kind)
         elif self.free is not None:
             sigma = disagreement(self.best, self.free)
+        is_asked = self.options.causes and reason != "interrupted"
+        if is_asked and sigma is not None and not self.is_explained:
+            rest = self.resimulation.rest(heights)
+            if rest is not None:
+                sigma = np.hypot(sigma, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights))
+        if self.on_bench is not None and sigma is not None:
+            sigma = np.hypot(sigma, self.on_bench.deviation_m)
+        if self.on_bench is not None:
+            scene = self.resimulation.simulator.scene
+            light = {"light": self.on_bench.bench.field.tolist()}
+            counters = counters | {"bench": self.on_bench.record.record | light, "losses": effects_of(scene)}
+            self.warnings += self.on_bench.record.warnings()
         reconstruction = network_result(
             FromNominal.name,
             self.resimulation,
-            as_glass(self.best, self.scene),
+            heights,
             reason=reason,
             history=self.history,
             timings=self.timings,
-            counters=self.counters,
+            counters=counters,
             settings=self.options.model_dump() | {"free": self.method.free.name, "lines": len(self.lines.designed)},
             warnings=self.warnings,
             uncertainty=sigma,
             no_uncertainty="no second reconstruction was made that tells how far another lies",
         )
+        if self.on_bench is not None:
+            seen = as_measured(
+                reconstruction.image.astype(np.float64),
+                self.on_bench.numbers,
+                self.on_bench.bench,
+                self.resimulation.exposure,
+            )
+            reconstruction = replace(reconstruction, image=seen.astype(reconstruction.image.dtype))
+        if is_asked:
+            reconstruction = with_causes(
+                reconstruction, self.measured, self.method.simulator, self.method.numbers, self.free
+            )
+        if self.options.bench_uncertainty:
+            counted = () if self.on_bench is None else self.on_bench.numbers.names
+            reconstruction = with_bench(reconstruction, self.method.numbers, counted)
         return FromNominalResult(reconstruction, self.lines.fitted)

@@ -9,20 +9,22 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.search import FINAL_ITERATIONS, ITERATIONS, LineSearch
+from nets.reconstruct.fibres.image_growth import grown
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.search import FINAL_ITERATIONS, ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import SPREADS
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.fit import FittedLine, fit_design
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.model import Limits, LineModel, rows_of
 from warp_caustics.prints.vectorise import lines_of_relief
-from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.result import as_glass
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
 LOWEST_LINE_M = 2e-5
 """Lines lower than this are missing [m]."""
+MOST_EXTRA = 5
+"""Lines that nobody designed, at most."""
 UNKNOWN_SPREAD_M = 5e-6
 """Taken for the spread of an answer that has none, where lines are looked for in it [m]."""
 
@@ -91,20 +93,35 @@ class LineCandidates:
         return lines_of_relief(self.model, heights, spread)
 
     def on_image(
-        self, start: torch.Tensor, image: CausticImage, pixels: int, jumps: int, report: Callable[[float], None]
-    ) -> FloatArray:
-        """Relief [m], shape [n, n], of lines that explain the image better.
+        self,
+        start: torch.Tensor,
+        view: LinesView,
+        pixels: int,
+        jumps: int,
+        report: Callable[[float], None],
+        answer: Answer | None = None,
+    ) -> torch.Tensor:
+        """Lines that explain the image better, shape [L, 6] [m].
+
+        Where those of a design leave more than noise, some that nobody designed are looked for.
 
         Args:
             start: lines, shape [L, 6] [m].
-            image: what was measured.
+            view: what was measured.
             pixels: size of the image for most of the work.
             jumps: rounds of jumps of lines that no design has, at most.
             report: called after each evaluation with its loss; may raise.
+            answer: what a network says of the relief, which tells where other lines may be; None asks for none.
         """
-        search = LineSearch(self.scene, image, self.model, pixels, jumps=0 if self.designed else jumps, report=report)
+        jumps = 0 if self.designed else jumps
+        search = LineSearch(
+            view.scene, view.image, self.model, pixels, jumps=jumps, report=report, blur_px=view.blur_px
+        )
         lines = search.run(self.model.clamped(start))
-        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.scene)
+        if not self.designed or answer is None or view.is_explained(lines):
+            return lines
+        more = grown(search.coarse, lines, answer.relief_m, answer.spread_m, len(lines) + MOST_EXTRA).lines
+        return search.run(more) if len(more) > len(lines) else lines
 
     def iterations(self, jumps: int) -> int:
         """Of a fit to the image, about."""

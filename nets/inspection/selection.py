@@ -17,6 +17,7 @@ import torch
 
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
@@ -38,10 +39,14 @@ class MisfitMap:
     Args:
         simulator: of the measured scene, at all pixels.
         image: what was measured.
+        blur_px: standard deviation of the camera's blur [px], shape [n_w]; None for none.
     """
 
-    def __init__(self, simulator: CausticSimulator, image: CausticImage):
+    def __init__(self, simulator: CausticSimulator, image: CausticImage, blur_px: FloatArray | None = None):
         scene = simulator.scene
+        self._blur = None
+        if blur_px is not None and np.any(blur_px):
+            self._blur = blur_matrices(scene.image_pixels, blur_px, simulator.device)
         self.simulator, self.cells = simulator, scene.height_samples
         self.measurement = measurement_at(image, scene, scene.image_pixels, simulator.device, border=1)
         radiosity = torch.tensor(scene.radiosity_W_m2, device=simulator.device)[:, None, None]
@@ -63,6 +68,8 @@ class MisfitMap:
         with torch.no_grad():
             found = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
             simulated = self.simulator(found) * self._per_radiosity
+            if self._blur is not None:
+                simulated = blurred(simulated, self._blur)
             return (simulated - self.measurement.irradiance) * self.measurement.weight
 
     def __call__(self, heights_m: FloatArray) -> FloatArray:

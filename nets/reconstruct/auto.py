@@ -141,6 +141,9 @@ class Auto(Reconstructor):
             else:
                 why += f"; transport leaves {start.residual:.0%} of the image unexplained, so refine starts from flat"
                 result = refine.reconstruct(image, progress=after)
+        if self.options.get("samples") and choice.plan not in NETWORKED:
+            line = f"none, because {result.method}, which auto chose, finds one relief and knows of no other"
+            result = dataclasses.replace(result, counters=result.counters | {"samples": {"count": 0, "line": line}})
         return dataclasses.replace(result, settings=result.settings | {"auto": {"plan": choice.plan, "why": why}})
 
     def _refusal(self) -> str | None:

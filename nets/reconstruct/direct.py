@@ -14,6 +14,7 @@ from nets.reconstruct.losses_of_light import LOSS_FACTOR, effects_of, with_losse
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.network_io import TRAINED_EXPOSURE_ERROR, network_result
 from nets.reconstruct.opinions import Opinion, opinion
+from nets.reconstruct.posterior_samples import MOST_SAMPLES, Samples, posterior_samples
 from nets.reconstruct.refinement import Refined, Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.reconstruct.with_bench import with_bench
@@ -39,8 +40,8 @@ NO_FOLDS = (
 SEARCH_TIMES = 4.0
 """What looking for the bench may take, relative to what was done before: with less time left it is not begun."""
 
-BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes", "losses")
-"""Those that are about the bench, which other methods take as it is told."""
+BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes", "losses", "samples")
+"""Those that are about the bench, which other methods take as it is told, and about what else explains the image."""
 
 
 class DirectOptions(RefinementOptions):
@@ -69,6 +70,9 @@ class DirectOptions(RefinementOptions):
     losses: bool | None = None
     """Whether losses of light that the scene leaves out, by reflection and by meeting the relief again, are taken into
     the model where the image shows them; None: on a GPU, where steps take as long with them."""
+    samples: Annotated[int, Field(ge=0, le=MOST_SAMPLES)] = 0
+    """Reliefs to give besides that explain the image about as well, and differ where it leaves the heights open. Takes
+    eight refinements."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
@@ -321,7 +325,50 @@ class Direct(Reconstructor):
             no_uncertainty=no_spread,
             found_at=found_at,
         )
+        if self.options.samples and reason not in ("interrupted", "max_time"):
+            record = self._with_samples(record, found, resimulation, log, found_at)
         return record, answer
+
+    def _with_samples(
+        self, record: Reconstruction, found: Opinion, resimulation: Resimulation, log: RunLog, found_at: int | None
+    ) -> Reconstruction:
+        """The record with samples of what the image leaves open, or why there are none."""
+        every = found.looked if found.answers is found.looked else torch.cat([found.looked, found.answers])
+        started, spread = log.elapsed_s, found.looked.double().std(dim=0, correction=len(found.looked) > 1)
+        refinement = self._refinement_in(resimulation.simulator.scene)
+
+        def refined(heights: FloatArray) -> FloatArray:
+            progress = following(log.progress, len(record.history), log.started, "samples, ")
+            other = refinement(resimulation, heights, log.elapsed_s, progress, spread.cpu().numpy())
+            if other is None or other.reason == "interrupted":
+                raise KeyboardInterrupt
+            return other.heights
+
+        samples: Samples | None = None
+        why = "the noise of the image cannot be told"
+        if len(every) < 2:
+            why = "only answers of several symmetries tell what is open"
+        else:
+            try:
+                samples = posterior_samples(
+                    self.options.samples,
+                    record.heights_m,
+                    every,
+                    resimulation,
+                    refined,
+                    uncertainty_m=record.uncertainty_m,
+                    scale=self.network.seen.scale,
+                    found_at=found_at,
+                )
+            except KeyboardInterrupt:
+                why = "the run was cut short"
+        told = {"count": 0, "line": f"none, because {why}"} if samples is None else samples.record
+        return dataclasses.replace(
+            record,
+            samples_m=None if samples is None else samples.heights_m,
+            counters=record.counters | {"samples": told},
+            timings_s=record.timings_s | {"samples": log.elapsed_s - started},
+        )
 
     def _no_uncertainty(self, network: FoundNetwork, answers: int) -> str:
         """Why a result of so many answers has no uncertainty; empty where it has one."""

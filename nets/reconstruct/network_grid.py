@@ -87,4 +87,9 @@ class NetworkGrid:
             return np.asarray(regridded(torch.as_tensor(values), samples).numpy())
 
         uncertainty = None if found.uncertainty_m is None else changed(found.uncertainty_m).clip(min=0.0)
-        return dataclasses.replace(found, heights_m=changed(found.heights_m), uncertainty_m=uncertainty)
+        return dataclasses.replace(
+            found,
+            heights_m=changed(found.heights_m),
+            uncertainty_m=uncertainty,
+            samples_m=None if found.samples_m is None else changed(found.samples_m),
+        )

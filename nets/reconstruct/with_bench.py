@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -15,7 +16,7 @@ KEPT_BY_HEIGHTS = 2.0
 (docs/found_bench.md)."""
 
 
-def with_bench(found: Reconstruction, numbers: BenchNumbers) -> Reconstruction:
+def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection[str] = ()) -> Reconstruction:
     """The result with the bench's part in its uncertainty, in quadrature; one without an uncertainty as it is.
 
     ``counters["uncertainty"]`` says the parts: root mean squares over the plate [um].
@@ -23,6 +24,7 @@ def with_bench(found: Reconstruction, numbers: BenchNumbers) -> Reconstruction:
     Args:
         found: heights on the grid of the numbers' scene.
         numbers: of the bench as it is told, with what is known of them.
+        counted: names of those that the uncertainty has a part of already, having been found with lines.
     """
     if found.uncertainty_m is None:
         return found
@@ -36,7 +38,7 @@ def with_bench(found: Reconstruction, numbers: BenchNumbers) -> Reconstruction:
             widths[cause["name"]] = math.hypot(
                 widths.get(cause["name"], 0.0), KEPT_BY_HEIGHTS * cause["value"], cause["sigma"]
             )
-    widths = {name: widths[name] for name in widths if name in known}
+    widths = {name: widths[name] for name in widths if name in known and name not in counted}
     part = bench_uncertainty(numbers.scene, found.heights_m, widths)
     network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
     whole = np.hypot(found.uncertainty_m, part.total_m)

@@ -1,5 +1,6 @@
 """``nsfc reconstruct``: files in, files out, and nothing half-written."""
 
+import dataclasses
 import hashlib
 import importlib.util
 import json
@@ -338,3 +339,36 @@ def assert_one_line(capsys, reason):
     assert captured.out == ""
     assert captured.err.startswith("error: ") and captured.err.count("\n") == 1, captured.err
     assert reason in captured.err
+
+
+def test_samples_are_written_told_and_shown(fake, inputs, tmp_path, capsys, monkeypatch):
+    """Three reliefs, one of which has a little more in one place."""
+    plain = fake.Fake.reconstruct
+
+    def with_samples(self, image, *, initial=None, progress=None):
+        found = plain(self, image, initial=initial, progress=progress)
+        samples = np.repeat(found.heights_m[None], 3, axis=0)
+        samples[0, 4:8, 4:8] += 2e-5
+        told = {"count": 3, "line": "3: they differ by 11.5 um (root mean square) on 1.6 % of the plate"}
+        return dataclasses.replace(found, samples_m=samples, counters=found.counters | {"samples": told})
+
+    monkeypatch.setattr(fake.Fake, "reconstruct", with_samples)
+    out = tmp_path / "out"
+    assert reconstruct(inputs / "image.tif", out) == 0
+    stored = np.load(out / "samples.npy")
+    assert stored.shape[0] == 3 and stored.dtype == np.float32
+    assert stored[0, 5, 5] - stored[1, 5, 5] == pytest.approx(2e-5, rel=1e-4)
+    assert "samples    3: they differ by 11.5 um" in capsys.readouterr().out
+    assert json.loads((out / "result.json").read_text())["counters"]["samples"]["count"] == 3
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert 'id="samples"' in page and "Samples 3: they differ by 11.5 um" in page
+    assert page.count("Map of sample") == 3
+
+
+@pytest.mark.parametrize(
+    ("method", "count", "code", "told"), [("refine", "2", 3, "refine finds one relief"), ("direct", "6", 2, "6")]
+)
+def test_samples_of_a_method_that_has_none_are_refused(inputs, tmp_path, capsys, method, count, code, told):
+    assert reconstruct(inputs / "image.tif", tmp_path / "out", "--method", method, "--samples", count) == code
+    message = capsys.readouterr().err
+    assert "--samples" in message and told in message

@@ -18,7 +18,7 @@ NOTABLE_LEVEL_M = 1e-6
 """An offset of the level above this is a warning [m]."""
 MAX_NAMED_REGIONS = 10
 """Regions that are described in words; all are in the tables."""
-FAULTS = ("missing", "extra", "too high", "too low", "displaced")
+FAULTS = ("missing", "extra", "too high", "too low", "too wide", "too narrow", "displaced")
 
 
 def inspect_plate(
@@ -163,6 +163,8 @@ def _fibre_reason(fibre: FibreFinding) -> str:
     place = f"from ({_mm(fibre.start_m)}) to ({_mm(fibre.end_m)}) mm"
     if fibre.status == "displaced":
         return f"fibre {fibre.name} is displaced by {fibre.displacement_m * 1e6:.0f} um, {place}"
+    if fibre.status in ("too wide", "too narrow"):
+        return f"fibre {fibre.name} is {abs(fibre.width_error_m) * 1e6:.0f} um {fibre.status}, {place}"
     if fibre.status in ("too high", "too low"):
         return f"fibre {fibre.name} is {abs(fibre.height_error_m) * 1e6:.0f} um {fibre.status}, {place}"
     if fibre.status == "extra":

@@ -83,14 +83,25 @@ def _finding(
             status = "missing"
         elif displacement - coverage * fit.displacement_std_m > tolerance_m:
             status = "displaced"
+        elif _is_of_other_width(fit, line, tolerance_m, coverage):
+            status = "too wide" if fit.width_error_m > 0 else "too narrow"
         elif abs(height_error) - coverage * fit.height_std_m > tolerance_m:
             status = "too high" if height_error > 0 else "too low"
     volume = _volume(fit.line, len(out), plate_size_m, section)
+    width_error = fit.width_error_m
     if status == "hidden":
-        height_error = displacement = volume = math.nan
+        height_error = displacement = volume = width_error = math.nan
     if status == "missing":
-        displacement = math.nan
-    return FibreFinding(str(number), status, line.start_m, line.end_m, height_error, displacement, volume)
+        displacement = width_error = math.nan
+    return FibreFinding(str(number), status, line.start_m, line.end_m, height_error, displacement, volume, width_error)
+
+
+def _is_of_other_width(fit: FittedLine, line: Line, tolerance_m: float, coverage: float) -> bool:
+    """Whether its edges are out of tolerance, and its width differs by more of itself than its height."""
+    error = abs(fit.width_error_m)
+    if error == 0 or error / 2 - coverage * fit.width_std_m / 2 <= tolerance_m:
+        return False
+    return error / line.width_m > abs(fit.height_error_m) / max(line.height_m, 1e-12)
 
 
 def _cells_out(line: Line, found: Line, out: BoolArray, plate_size_m: tuple[float, float], section: Section) -> int:

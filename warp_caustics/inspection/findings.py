@@ -6,10 +6,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from warp_caustics.inspection.place import Place
 from warp_caustics.types import FloatArray
 
 Verdict = Literal["pass", "fail", "uncertain"]
-FibreStatus = Literal["as designed", "missing", "extra", "too high", "too low", "displaced", "hidden"]
+FibreStatus = Literal[
+    "as designed", "missing", "extra", "too high", "too low", "too wide", "too narrow", "displaced", "hidden"
+]
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class FibreFinding:
         height_error_m: measured minus nominal height on the centre line [m]; NaN if it cannot be told.
         displacement_m: distance of the measured centre line from the nominal one [m], across it; NaN likewise.
         volume_m3: measured volume [m^3]; NaN likewise.
+        width_error_m: measured minus nominal width [m]; 0 where no other width was found, NaN if it cannot be told.
     """
 
     name: str
@@ -56,6 +60,7 @@ class FibreFinding:
     height_error_m: float
     displacement_m: float
     volume_m3: float
+    width_error_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,8 @@ class Inspection:
         warnings: what a person should know.
         undecided: True where the measurement cannot tell, shape [n, n]; None if that was not asked.
         limit_m: largest vertical deviation allowed [m], shape [n, n]: the tolerance along the surface's normal.
+        place: where the whole picture lies against the design, which ``nominal_m`` was moved by; None if that was not
+            asked.
     """
 
     verdict: Verdict
@@ -95,3 +102,4 @@ class Inspection:
     warnings: tuple[str, ...] = ()
     undecided: npt.NDArray[np.bool_] | None = None
     limit_m: FloatArray | None = None
+    place: Place | None = None

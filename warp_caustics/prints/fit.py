@@ -6,13 +6,14 @@ Both fits descend the same way, by Levenberg-Marquardt on a robust loss rho(z) o
 - :func:`fit_lines` moves all numbers of lines that a search proposed. A network that finds reliefs is right to a few
   micrometres nearly everywhere and wrong by a hundred where light paths cross; the Geman-McClure loss z^2 / (1 + z^2)
   gives such places up, one unit each.
-- :func:`fit_design` finds the lines of a design again, each around the place where the design has it. Each keeps its
-  width; fitted are its height and how far either end lies across its direction, all lines together, so that overlaps
-  are shared out. What moved too far for a descent, or is missing, is found by a search over parallel offsets first.
-  Its loss grows linearly, so that no misfit is given up. Not handled: changed widths, lines moved along themselves or
-  shortened.
+- :func:`fit_design` finds the lines of a design again, each around the place where the design has it. Fitted are its
+  height and how far either end lies across its direction, all lines together, so that overlaps are shared out. What
+  moved too far for a descent, or is missing, is found by a search over parallel offsets first. Lines keep their widths,
+  but for those that the relief shows to be another: of a narrow line it tells the area across, not width and height.
+  Its loss grows linearly, so that no misfit is given up. Not handled: lines moved along themselves or shortened.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ import torch
 
 from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.line import Line, direction, moved_across
-from warp_caustics.prints.model import HEIGHT, LineModel, rows_of
+from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel, rows_of
 from warp_caustics.types import FloatArray
 
 LARGEST_OFFSET_M = 2e-3
@@ -43,6 +44,14 @@ BLOCK_VALUES = 1 << 25
 """Lines times cells fitted together at most: a block takes 2 GB of derivatives at this."""
 BLOCK_SWEEPS = 2
 """Over blocks that overlap: each sees the others where the sweep before left them."""
+WIDTH_SHARE = 0.5
+"""Of a line's width, how far it may be from the designed one, loosely."""
+HELD_FAST = 1e24
+"""Holds what is not fitted [m^-2]."""
+MISSING_SHARE = 0.3
+"""Of its height: a line that is lower is not there, and has no width."""
+OTHER_WIDTH, LEAST_OTHER_WIDTH = 3.0, 0.05
+"""A width is another where it differs by so many standard uncertainties, and by this share of itself."""
 WAVINESS_M = 5e-6
 """No height is trusted better [m]: lines are printed with some waviness."""
 
@@ -202,6 +211,8 @@ class FittedLine:
         displacement_m: mean distance across the line [m], positive to its left.
         height_std_m: standard uncertainty of the height [m]; infinite where the relief does not show the line.
         displacement_std_m: of the displacement [m]; likewise.
+        width_error_m: measured minus designed width [m]; 0 where the relief does not show another.
+        width_std_m: its standard uncertainty [m]; infinite where the width was not measured.
     """
 
     line: Line
@@ -209,6 +220,8 @@ class FittedLine:
     displacement_m: float
     height_std_m: float
     displacement_std_m: float
+    width_error_m: float = 0.0
+    width_std_m: float = math.inf
 
 
 def fit_design(
@@ -232,7 +245,7 @@ def fit_design(
     blocks = _blocks(lines, model.n)
     if len(blocks) == 1:
         fit = _DesignFit(model, lines, relief, sigma)
-        return fit.result(fit.found(_as_designed(lines)))
+        return fit.result(fit.with_widths(fit.found(_as_designed(lines))))
     return _fitted_in_blocks(model, lines, blocks, relief, sigma)
 
 
@@ -276,39 +289,65 @@ def _fitted_in_blocks(
             total, parts[i] = total - parts[i] + new, new
     fitted: dict[int, FittedLine] = {}
     for block, fit, there in zip(blocks, fits, found, strict=True):
-        fitted |= dict(zip(block, fit.result(there), strict=True))
+        fitted |= dict(zip(block, fit.result(fit.with_widths(there)), strict=True))
     return tuple(fitted[k] for k in range(len(lines)))
 
 
 class _DesignFit:
-    """A fit whose parameters are height, offset of the start and of the end per line [m], shape [L, 3]."""
+    """A fit whose parameters are height, offset of the start and of the end per line [m], shape [L, 3].
+
+    In the end of some also what they are wider by, shape [L, 4].
+    """
 
     def __init__(self, model: LineModel, lines: Sequence[Line], relief_m: torch.Tensor, sigma_m: torch.Tensor):
         self.model, self.lines, self.relief, self.sigma = model, lines, relief_m, sigma_m
         self.designed = rows_of(lines)
         left = torch.tensor([(-s, c) for c, s in map(direction, lines)], dtype=torch.float64)
-        self.across = torch.zeros(len(lines), 2, 6, dtype=torch.float64)
-        """What one metre of each offset does to a line's row, shape [L, 2, 6]."""
-        self.across[:, 0, :2], self.across[:, 1, 2:4] = left, left
-        self.held = torch.tensor([0.0, PRIOR_M**-2, PRIOR_M**-2], dtype=torch.float64).repeat(len(lines))
+        self.across = torch.zeros(len(lines), 3, 6, dtype=torch.float64)
+        """What one metre of each offset, and of the width, does to a line's row, shape [L, 3, 6]."""
+        self.across[:, 0, :2], self.across[:, 1, 2:4], self.across[:, 2, WIDTH] = left, left, 1.0
+        self.held = torch.tensor([0.0, PRIOR_M**-2, PRIOR_M**-2], dtype=torch.float64).repeat(len(lines), 1)
+        self.narrowest = model.limits.width_m[0]
 
     def found(self, start: torch.Tensor) -> torch.Tensor:
         """Heights and offsets [m], shape [L, 3], descended and searched twice from a start."""
         found = self.descended(self.searched(self.descended(start)))
         return self.descended(self.searched(found))
 
+    def with_widths(self, found: torch.Tensor) -> torch.Tensor:
+        """The same, shape [L, 3], where no width is another; else shape [L, 4], 0 for widths that are as designed."""
+        designed = self.designed[:, WIDTH]
+        loose = (WIDTH_SHARE * designed).square().reciprocal()
+        self._hold_widths(loose)
+        free = self.descended(torch.cat([found, torch.zeros_like(designed)[:, None]], dim=1))
+        deviation = self.covariance(free).diagonal().reshape(free.shape)[:, 3].sqrt()
+        change = free[:, 3].abs()
+        # A line that is not there has no width.
+        is_there = free[:, 0] > MISSING_SHARE * self.designed[:, HEIGHT]
+        is_other = is_there & (change > OTHER_WIDTH * deviation) & (change > LEAST_OTHER_WIDTH * designed)
+        if not is_other.any():
+            self.held = self.held[:, :3]
+            return found
+        self._hold_widths(torch.where(is_other, loose, HELD_FAST))
+        return self.descended(torch.where(is_other[:, None], free, torch.cat([found, 0 * found[:, :1]], dim=1)))
+
+    def _hold_widths(self, pull: torch.Tensor) -> None:
+        self.held = torch.cat([self.held[:, :3], pull[:, None]], dim=1)
+
     def rows(self, found: torch.Tensor) -> torch.Tensor:
         """Lines with their heights and offsets, shape [L, 6] [m]."""
-        rows = self.designed + (found[:, 1:, None] * self.across).sum(dim=1)
+        rows = self.designed + (found[:, 1:, None] * self.across[:, : found.shape[1] - 1]).sum(dim=1)
         rows[:, HEIGHT] = found[:, 0]
+        rows[:, WIDTH].clamp_min_(min(self.narrowest, float(self.designed[:, WIDTH].min())))
         return rows
 
     def with_jacobian(self, found: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Relief [m], shape [n, n], and its derivatives by heights and offsets [1], shape [3 L, n, n]."""
+        """Relief [m], shape [n, n], and its derivatives by all parameters [1], shape [P L, n, n]."""
         parts, derivatives = self.model.parts(self.rows(found))
         by_height = torch.zeros_like(self.designed)
         by_height[:, HEIGHT] = 1.0
-        chain = torch.cat([by_height[:, None], self.across], dim=1).to(derivatives)
+        across = self.across[:, : found.shape[1] - 1]
+        chain = torch.cat([by_height[:, None], across], dim=1).to(derivatives)
         return parts.sum(dim=0), torch.einsum("lpc,lcij->lpij", chain, derivatives).flatten(0, 1)
 
     @staticmethod
@@ -322,7 +361,7 @@ class _DesignFit:
         """All lines together."""
         return minimised(
             self.with_jacobian, self.moved, found, self.relief, self.sigma, CHARBONNIER,
-            iterations=DESIGN_ITERATIONS, held=self.held,
+            iterations=DESIGN_ITERATIONS, held=self.held[:, : found.shape[1]].reshape(-1),
         )[0]  # fmt: skip
 
     def searched(self, found: torch.Tensor) -> torch.Tensor:
@@ -363,30 +402,43 @@ class _DesignFit:
     def _units(self, found: torch.Tensor, numbers: Sequence[int]) -> torch.Tensor:
         """Relief per height [1] of lines of these numbers with the offsets of ``found``, shape [K, n, n]."""
         chosen = list(numbers)
-        rows = self.designed[chosen] + (found[:, 1:, None] * self.across[chosen]).sum(dim=1)
+        rows = self.designed[chosen] + (found[:, 1:, None] * self.across[chosen, :2]).sum(dim=1)
         rows[:, HEIGHT] = 1.0
         return self.model.parts(rows)[0]
 
     def _losses(self, residual: torch.Tensor) -> torch.Tensor:
         return CHARBONNIER.value((residual / self.sigma).square())
 
-    def result(self, found: torch.Tensor) -> tuple[FittedLine, ...]:
-        """The lines with their standard uncertainties, from the curvature of the squares."""
+    def covariance(self, found: torch.Tensor) -> torch.Tensor:
+        """Of all parameters [m^2], shape [P L, P L], from the curvature of the squares."""
         jacobian = (self.with_jacobian(found)[1] / self.sigma).flatten(1)
         normal = (jacobian @ jacobian.T).double().cpu() / CORRELATED_CELLS
-        is_shown = normal.diagonal()[::3] > PRIOR_M**-2
+        held = self.held[:, : found.shape[1]].reshape(-1)
         # A height that nothing shows leaves the matrix regular.
-        covariance = torch.linalg.inv(normal + torch.diag(self.held + (self.held == 0)))
+        covariance: torch.Tensor = torch.linalg.inv(normal + torch.diag(held + (held == 0)))
+        return covariance
+
+    def result(self, found: torch.Tensor) -> tuple[FittedLine, ...]:
+        """The lines with their standard uncertainties."""
+        columns = found.shape[1]
+        covariance = self.covariance(found)
+        shown = (self.with_jacobian(found)[1][::columns] / self.sigma).flatten(1).square().sum(dim=1)
+        is_shown = (shown.double().cpu() / CORRELATED_CELLS > PRIOR_M**-2).tolist()
         fitted = []
-        for k, (line, (height, start, end)) in enumerate(zip(self.lines, found.tolist(), strict=True)):
-            ends = covariance[3 * k + 1 : 3 * k + 3, 3 * k + 1 : 3 * k + 3]
+        for k, (line, (height, start, end, *wider)) in enumerate(zip(self.lines, found.tolist(), strict=True)):
+            first = columns * k
+            ends = covariance[first + 1 : first + 3, first + 1 : first + 3]
+            is_other = bool(wider) and abs(wider[0]) > LEAST_OTHER_WIDTH / 2 * line.width_m
+            width = max(line.width_m + wider[0], self.narrowest) if is_other else line.width_m
             fitted.append(
                 FittedLine(
-                    line=replace(moved_across(line, start, end), height_m=height),
+                    line=replace(moved_across(line, start, end), height_m=height, width_m=width),
                     height_error_m=height - line.height_m,
                     displacement_m=(start + end) / 2,
-                    height_std_m=float(covariance[3 * k, 3 * k].sqrt()) if is_shown[k] else float("inf"),
-                    displacement_std_m=float(ends.mean().sqrt()) if is_shown[k] else float("inf"),
+                    height_std_m=float(covariance[first, first].sqrt()) if is_shown[k] else math.inf,
+                    displacement_std_m=float(ends.mean().sqrt()) if is_shown[k] else math.inf,
+                    width_error_m=width - line.width_m,
+                    width_std_m=float(covariance[first + 3, first + 3].sqrt()) if is_other else math.inf,
                 )
             )
         return tuple(fitted)

@@ -108,6 +108,8 @@ class Reconstruction:
             they were not kept.
         fibres_m: printed lines that make up the relief, rows (x0, y0, x1, y1, width, height) [m], shape [L, 6]; None
             where a method finds none.
+        samples_m: reliefs that explain the image about as well, which differ where it leaves the heights open [m],
+            shape [N, n, n]; None where they were not asked for, or a method finds none.
     """
 
     method: str
@@ -125,6 +127,7 @@ class Reconstruction:
     fibres_m: FloatArray | None = None
     no_uncertainty: str = ""
     trust: "Trust | None" = None
+    samples_m: FloatArray | None = None
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.heights_m.shape))

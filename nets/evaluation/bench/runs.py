@@ -1,6 +1,7 @@
 """Methods on the cases of a suite, row by row; what a folder holds already is not computed again."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,12 @@ from nets.evaluation.bench.fields import case_field
 from nets.evaluation.bench.scores import bench_scores
 from nets.evaluation.cells import Cell, CellStore
 from nets.evaluation.fields import Field
-from nets.evaluation.method_spec import CONVERGED, MethodSpec
+from nets.evaluation.method_spec import CONVERGED, MethodSpec, Stage
 from nets.evaluation.schedule import Report, Setup, run_cells
 from warp_caustics.scene import Scene
+
+COUNT_THE_BENCH, COUNTS_IT = ("auto", "direct", "fibres"), "bench_uncertainty"
+"""Methods whose uncertainty has a part of the bench, and their option for it."""
 
 FOLDERS = ("cells", "images")
 """Of a run: results, and images that methods got."""
@@ -71,10 +75,26 @@ def _row_records(
     """Of cases whose methods are told the same scene."""
     (told,) = {case.told.model_dump_json(): case.told for case in cases}.values()
     setup = _setup(fields, told, folder, device)
+    if all(case.is_bench_exact for case in cases):
+        specs = [on_exact_bench(spec) for spec in specs]
     cells: list[Cell] = setup.cells(specs, (CONVERGED,))
     named = {case.name: {"row": case.row, "title": case.title} for case in cases}
     found = run_cells(setup, cells, force=force, report=report) if cells else []
     return [record | named[record["field"]] for record in found]
+
+
+def on_exact_bench(spec: MethodSpec) -> MethodSpec:
+    """The method told that its bench is exact: heights are the same, the uncertainty has no part of the bench.
+
+    As a user who knows it says ``bench_uncertainty=false``; methods that do not count the bench are told nothing.
+    """
+    return replace(spec, stages=tuple(map(_exact, spec.stages)))
+
+
+def _exact(stage: Stage) -> Stage:
+    if stage.name not in COUNT_THE_BENCH or COUNTS_IT in dict(stage.options):
+        return stage
+    return Stage(stage.name, (*stage.options, (COUNTS_IT, False)))
 
 
 def _setup(fields: Mapping[str, Field], told: Scene, folder: Path, device: str) -> Setup:

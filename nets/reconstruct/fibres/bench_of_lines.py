@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
+from nets.reconstruct.fibres.line_posterior import joint_covariance, misfit_weight
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
@@ -40,8 +41,6 @@ ITERATIONS = 30
 """Of L-BFGS about each."""
 LEAST_GAIN = 5e-3
 """Share by which the misfit must fall to go on."""
-CORRELATED_PX = 100.0
-"""Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
 
 
 def numbers_of_lines(numbers: BenchNumbers) -> BenchNumbers:
@@ -221,33 +220,35 @@ class BenchOfLines:
         self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float
     ) -> tuple[torch.Tensor, FloatArray, FloatArray]:
         """Lines after a descent with what is linear beside them, its amplitudes and their deviations [widths]."""
+        beside = self._beside(fit, lines, bench, loss)
+        found = fit.descend(lines, ITERATIONS, with_section=self.with_section, beside=beside)
+        covariance = joint_covariance(fit, found.lines, beside, beside.weight)
+        deviations = np.sqrt(np.maximum(np.diag(covariance)[-len(beside.modes) :], 0.0))
+        return found.lines, found.beside, deviations
+
+    def _beside(self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float) -> Beside:
+        """What the image is linear in about a bench."""
         heights = self.model.heights(lines)
         seen = self._model.image(heights, bench.values)
         by_numbers = self._model.by_numbers(heights, bench.values, seen)
         widths = torch.as_tensor(self._widths, dtype=torch.float32, device=seen.device)
         modes = torch.cat([by_numbers, self._field * seen]) * widths[:, None, None, None]
-        counted = float((fit.measurement.weight > 0).sum())
-        weight = 2 * loss * CORRELATED_PX / max(counted, 1.0)
         count = len(self.numbers.parameters)
         at = np.array([bench.values[name] for name in self.numbers.names])
         told = np.array([self.numbers.before[name] for name in self.numbers.names])
         before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
-        beside = Beside(modes, before, weight)
-        found = fit.descend(lines, ITERATIONS, with_section=self.with_section, beside=beside)
-        return found.lines, found.beside, self._deviations(fit, found.lines, beside)
+        return Beside(modes, before, misfit_weight(fit, loss))
 
-    def _deviations(self, fit: ImageFit, lines: torch.Tensor, beside: Beside) -> FloatArray:
-        """Of amplitudes, with lines free to move along, shape [K] [widths]."""
-        heights, derivatives = self.model.with_jacobian(lines)
-        information = fit.metric.normal_matrix(heights, derivatives, beside).numpy()
-        count = len(beside.modes)
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
-        scale[-count:] = 1.0
-        information /= np.outer(scale, scale)
-        information[-count:, -count:] += beside.weight * np.eye(count)
-        information[:-count, :-count] += 1e-6 * np.eye(len(information) - count)
-        covariance = beside.weight * np.linalg.inv(information)
-        return np.sqrt(np.maximum(np.diag(covariance)[-count:], 0.0))
+    def covariance(self, lines: torch.Tensor, bench: Bench) -> FloatArray:
+        """Of lines and bench together about where they were found; see :func:`joint_covariance`.
+
+        Args:
+            lines: shape [L, 6] [m].
+            bench: on which they were found.
+        """
+        fit = self.fit_on(bench)
+        beside = self._beside(fit, lines, bench, fit.loss(self.model.heights(lines)))
+        return joint_covariance(fit, lines, beside, beside.weight)
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
         names, count = self.numbers.names, len(self.numbers.parameters)

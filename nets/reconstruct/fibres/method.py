@@ -28,6 +28,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
@@ -87,7 +88,9 @@ class Fibres(Reconstructor):
         plain = DirectOptions(**(of_direct | {"set_up": "known"}))
         self.network = Direct(
             scene,
-            plain.model_copy(update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False}),
+            plain.model_copy(
+                update={"refine": False, "flatness_m": 0.0, "causes": False, "losses": False, "samples": 0}
+            ),
             device,
         )
         self.device = self.network.device
@@ -125,7 +128,7 @@ class Fibres(Reconstructor):
             return self._by_network(run, measured, progress)
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
-        if not run.takes_lines and is_free and not self.is_told_exactly:
+        if not run.takes_lines and is_free and (self.options.samples or not self.is_told_exactly):
             return self._by_network(run, measured, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
@@ -135,7 +138,7 @@ class Fibres(Reconstructor):
         if self.options.causes and found.stop_reason != "interrupted":
             found = with_causes(found, image, self.network.simulator, self.network.numbers)
         if self.options.bench_uncertainty:
-            found = with_bench(found, self.network.numbers)
+            found = with_bench(found, self.network.numbers, () if run.covariance is None else run.numbers.names)
         return self.network.asked[0].grid.result(found)
 
     @cached_property
@@ -188,6 +191,8 @@ class _Run:
         self.refined = 0
         """Steps of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
+        self.covariance: FloatArray | None = None
+        """Of lines and bench, where both were found."""
         self.moves_section = False
         self.takes_lines = self.is_noise_left = False
         self.seconds, self.timings, self.counters = 0.0, dict[str, float](), dict[str, Any]()
@@ -249,7 +254,11 @@ class _Run:
         if answer.uncertainty_m is not None:
             is_asked = method.options.causes and not is_noise_left
             rest = view.resimulation.rest(heights, found_at) if is_asked else None
-            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, method.options.flatness_m)
+            posterior = None
+            if self.takes_lines and self.covariance is not None:
+                posterior = height_deviation(self.model, self.lines, self.covariance)
+            flat = method.options.flatness_m
+            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior)
         result = network_result(
             method.name,
             view.resimulation,
@@ -273,7 +282,10 @@ class _Run:
         if view is not self.told:
             measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
             result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
-        return dataclasses.replace(result, fibres_m=fibres)
+        result = dataclasses.replace(result, fibres_m=fibres)
+        if not (method.options.samples and self.takes_lines and self.reason == "converged"):
+            return result
+        return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
 
     def _fit(self) -> None:
         """Lines on the bench that was told."""
@@ -350,6 +362,7 @@ class _Run:
             if was is None or now is None or not now < BENCH_GAIN * was:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 return
+            self.covariance = together.covariance(self.lines, self.bench)
             if is_explained(now):
                 return
 

@@ -56,7 +56,12 @@ def design_uncertainty(spread_m: FloatArray, calibration: DesignCalibration) -> 
 
 
 def of_lines(
-    network_m: FloatArray, heights_m: FloatArray, rest: Rest | None, is_noise_left: bool, flatness_m: float
+    network_m: FloatArray,
+    heights_m: FloatArray,
+    rest: Rest | None,
+    is_noise_left: bool,
+    flatness_m: float,
+    posterior_m: FloatArray | None = None,
 ) -> FloatArray:
     """Standard uncertainty of a relief of lines [m], shape [n, n].
 
@@ -68,12 +73,16 @@ def of_lines(
         rest: what it leaves of the image; None where that is not asked, or its noise not known.
         is_noise_left: whether lines leave nothing but noise.
         flatness_m: standard deviation of the base from a plane [m].
+        posterior_m: what lines and a bench that were found together leave open [m], shape [n, n]
+            (:mod:`nets.reconstruct.fibres.line_posterior`); None on the told bench.
     """
     found = network_m
     if rest is not None:
         found = np.hypot(found, DIRECT_CALIBRATION.shared * rest.share * local_relief(heights_m))
     if is_noise_left:
         found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
+    if posterior_m is not None:
+        found = np.hypot(found, posterior_m)
     return np.hypot(found, flatness_m) if flatness_m else found
 
 

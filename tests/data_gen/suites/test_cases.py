@@ -211,3 +211,13 @@ def test_wrong_names_and_counts_are_explained():
         suite_cases("lab", 6)
     with pytest.raises(InputError, match="has no row 'blur-3'; did you mean 'blur-"):
         suite_cases("one-thing", rows=("blur-3",))
+
+
+def test_methods_are_told_which_benches_are_exactly_as_told():
+    """Those of ideal and prints, and of one-thing where camera or print differ; none that somebody has to photograph."""
+    assert all(case.is_bench_exact for case in (*suite_cases("ideal", 1), *suite_cases("prints", 1)))
+    assert not any(case.is_bench_exact for case in suite_cases("lab", 1))
+    exact = {case.row: case.is_bench_exact for case in suite_cases("one-thing", 1)}
+    assert all(exact[row] for row in ("nothing", "blur-2", "apart-0.3", "ambient-3", "ellipse", "bow-20", "rings"))
+    others = ("gap-10um", "base-30um", "no-dispersion", "lamp-1m", "tilt-0.2deg", "shift-0.25", "scale-0.2", "fresnel")
+    assert not any(exact[row] for row in others)

@@ -9,15 +9,17 @@ import torch
 from nets.inspection.from_nominal import FromNominal, FromNominalOptions
 from nets.inspection.line_candidates import limits_around
 from nets.inspection.selection import MisfitMap, better_parts, parts
+from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, numbers_of_lines
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE, Discrepancy, is_explained
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.model import Limits, LineModel, rows_of
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.resampling import resampled, spline_reach
+from warp_caustics.resampling import blur_matrices, blurred, resampled, spline_reach
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -115,7 +117,8 @@ class FreeOfCamera(Free):
 
 @pytest.fixture(scope="module")
 def method():
-    return FromNominal(SCENE, FromNominalOptions(coarse_iterations=0, iterations=3, step_m=1e-6))
+    plain = {"causes": False, "bench_uncertainty": False}
+    return FromNominal(SCENE, FromNominalOptions(coarse_iterations=0, iterations=3, step_m=1e-6, **plain))
 
 
 @pytest.mark.parametrize(
@@ -213,3 +216,81 @@ def test_lines_of_another_section_are_looked_for_with_it(method, simulator):
     taken = method.reconstruct(image, Nominal(plate.relief_m, plate.lines))
     assert taken.reconstruction.counters["discrepancy"] > 5 * found.reconstruction.counters["discrepancy"]
     assert max(abs(fit.height_error_m) for fit in taken.lines) > 2e-5
+
+
+def test_lines_are_fitted_with_the_blur_of_the_camera(method, simulator):
+    """A lens out of focus by 2.5 px: heights are bent to it, where the blur is not in the model."""
+    free = FreeOfCamera(relief(*TWO) + 2e-6, np.full((32, 32), 1e-6))
+    free.camera = ChannelCamera.perfect(3, 64)
+    free.camera.blur[:] = 2.5
+    sharp = torch.tensor(image_of(relief(*TWO), simulator).irradiance)
+    image = CausticImage(blurred(sharp, blur_matrices(64, free.camera.blur, "cpu")).numpy(), np.full(3, 0.01))
+    method.options = method.options.model_copy(update={"fit_lines": None})
+    method.free = free
+    found = method.reconstruct(image, PLATE).reconstruction
+    assert found.counters["explained_by_lines"] and np.abs(found.heights_m - relief(*TWO)).max() < 5e-6
+    method.free = Free(relief(*TWO) + 2e-6, free.spread)
+    sharp_only = method.reconstruct(image, PLATE).reconstruction
+    assert np.abs(sharp_only.heights_m - relief(*TWO)).max() > 1e-5
+    assert sharp_only.counters["discrepancy"] > 1.3 * found.counters["discrepancy"]
+
+
+def test_a_fibre_that_nobody_designed_is_a_line_too(method, simulator):
+    """The design has one of two lines; both are found, and what is left of the image is noise."""
+    method.free = Free(relief(*TWO) + 2e-6, np.full((32, 32), 1e-6))
+    method.options = method.options.model_copy(update={"fit_lines": None})
+    found = method.reconstruct(image_of(relief(*TWO), simulator), Nominal.of_lines(TWO[:1], SCENE))
+    assert found.reconstruction.counters["explained_by_lines"] and len(found.lines) == 1
+    assert np.abs(found.reconstruction.heights_m - relief(*TWO)).max() < 1e-5
+
+
+def test_uncertainty_knows_the_bench_and_what_is_left_of_the_image(simulator):
+    """With a gap known to 1 mm only heights are 30 % uncertain; where heights are 40 % off, more than the spread says."""
+    image = CausticImage(image_of(relief(*TWO), simulator).irradiance, np.full(3, 0.002))
+    free = Free(relief(*TWO) + 2e-6, np.full((32, 32), 1e-6))
+    vague = FromNominal(SCENE, FromNominalOptions(priors={"gap_m": 1e-3}))
+    vague.free = free
+    found = vague.reconstruct(image, PLATE).reconstruction
+    assert found.counters["explained_by_lines"] and found.uncertainty_m.max() > 5e-5
+    assert found.counters["uncertainty"]["numbers"]["gap_m"]["sigma"] == 1e-3
+    off = relief(*TWO) * 1.4
+    known = FromNominal(SCENE, FromNominalOptions(coarse_iterations=0, iterations=0, bench_uncertainty=False))
+    known.free = Free(off, free.spread)
+    left = known.reconstruct(image, Nominal(off)).reconstruction
+    spread_alone = design_uncertainty(free.spread, RELIEF)
+    assert left.counters["rest"]["of_contrast"] > 0.02
+    assert left.uncertainty_m[8:24, 3:7].mean() > 1.2 * spread_alone.mean()
+    np.testing.assert_allclose(left.uncertainty_m[:, 30:], spread_alone[:, 30:], rtol=2e-2)
+
+
+@pytest.mark.parametrize("set_up", ["known", "estimate"])
+def test_the_bench_is_found_with_the_lines_of_the_design(set_up):
+    """A gap 0.1 mm wider, stray light, a moved picture and uneven light: what lines tell, and not all heights are."""
+    scene = Scene(height_samples=24, image_pixels=96, screen_position_m=(0.0, 0.0, -1e-3))
+    lines = [
+        Line((-0.015, -0.012), (0.014, 0.009), 4e-3, 9e-4),
+        Line((-0.009, 0.015), (0.010, -0.016), 3.2e-3, 1.2e-3),
+        Line((-0.018, 0.005), (0.012, 0.016), 3.6e-3, 1e-3),
+    ]
+    truth = line_relief(lines, 24, scene.plate_size_m)
+    numbers = numbers_of_lines(BenchNumbers.of(scene))
+    told = Bench.told(numbers)
+    field = np.where(np.arange(len(told.field)) == 3, 0.03, 0.0)
+    bench = Bench({**told.values, "gap_m": 1.1e-3, "ambient": 0.03, "screen_x_m": 4e-5}, field)
+    lit = CausticSimulator(numbers.scene_of(bench.values), "lattice")(torch.tensor(truth, dtype=torch.float32))
+    seen = as_measured(lit.numpy().astype(np.float64), numbers, bench, np.ones(3))
+    seen += 0.005 * np.random.default_rng(0).standard_normal(seen.shape)
+    method = FromNominal(scene, FromNominalOptions(set_up=set_up, causes=False))
+    method.free = Free(truth + 1e-5 * (truth > 1e-4), np.full((24, 24), 1e-6))
+    found = method.reconstruct(CausticImage(seen, np.full(3, 0.005)), Nominal.of_lines(lines, scene))
+    result = found.reconstruction
+    error = np.sqrt(np.mean((result.heights_m - truth) ** 2))
+    if set_up == "known":
+        assert not result.counters["explained_by_lines"] and "bench" not in result.counters and error > 6e-6
+        return
+    assert result.counters["explained_by_lines"] and error < 4e-6
+    values = {number["name"]: number["found"] for number in result.counters["bench"]["numbers"]}
+    throw = values["gap_m"] + (values["base_thickness_m"] - 3e-3) / 1.46
+    assert throw == pytest.approx(1.1e-3, abs=4e-5) and values["ambient"] == pytest.approx(0.03, abs=5e-3)
+    np.testing.assert_allclose(result.image.mean(), seen.mean(), rtol=5e-3)
+    assert all(abs(fit.height_error_m) < 2e-5 for fit in found.lines)

@@ -13,6 +13,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     seen_on,
 )
 from nets.reconstruct.fibres.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.line_posterior import drawn_lines, height_deviation, joint_covariance, misfit_weight
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -120,3 +121,35 @@ def test_gradient_by_what_is_beside():
         step[k] = 1e-3
         ahead, behind = (fit.with_gradient(heights, beside, at + sign * step)[0] for sign in (1, -1))
         assert gradient[k] == pytest.approx((ahead - behind) / 2e-3, rel=2e-3, abs=1e-6)
+
+
+def test_the_joint_covariance_covers_lines_and_knows_what_the_bench_leaves_open():
+    """Of a bench whose gap is off by twice what is believed: errors mostly within two deviations, and not far below."""
+    image = photographed(true_bench(gap_m=1.1e-3, ambient=0.02, screen_x_m=4e-5))
+    together = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)
+    lines, bench = together(LINES + OFF, Bench.told(numbers()))
+    covariance = together.covariance(lines, bench)
+    deviation = height_deviation(MODEL, lines, covariance)
+    true = MODEL.heights(LINES)
+    error = (MODEL.heights(lines) - true).abs().double().numpy()
+    on_lines = true.numpy() > 1e-5
+    assert np.mean(error[on_lines] <= 2 * deviation[on_lines]) > 0.75
+    assert np.sqrt(np.mean(deviation**2)) < 8 * np.sqrt(np.mean(error**2))
+    assert deviation[~(true.numpy() > 0) & (deviation == 0)].size > 0.3 * deviation.size
+    # A bench that is known leaves less open: the same lines with no number free.
+    fit = together.fit_on(bench)
+    known = joint_covariance(fit, lines, None, misfit_weight(fit, fit.loss(MODEL.heights(lines))))
+    alone = height_deviation(MODEL, lines, known)
+    assert np.sqrt(np.mean(alone**2)) < 0.85 * np.sqrt(np.mean(deviation**2))
+
+
+def test_heights_deviate_as_lines_that_are_drawn():
+    """To first order: the spread of 200 draws is the deviation, to a tenth."""
+    rng = np.random.default_rng(0)
+    mixing = rng.standard_normal((18, 18)) * 3e-6
+    covariance = mixing @ mixing.T
+    deviation = height_deviation(MODEL, LINES, covariance)
+    drawn = torch.stack([MODEL.heights(lines) for lines in drawn_lines(MODEL, LINES, covariance, 200)])
+    where = deviation > 3e-6
+    np.testing.assert_allclose(np.median(drawn.std(dim=0).numpy()[where] / deviation[where]), 1.0, atol=0.1)
+    assert drawn.std(dim=0).numpy()[deviation == 0].max() < 1e-6

@@ -172,6 +172,17 @@ def test_lines_replace_an_answer_that_is_nearly_right(model, image, answering, e
     assert heights == sorted(heights)
 
 
+def test_samples_of_lines_are_lines_that_explain_the_image_as_well(model, image, answering):
+    truth = model.heights(LINES).double().numpy()
+    wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
+    result = answering(wrong, refine_pixels=2 * N, samples=4, set_up="known").reconstruct(image)
+    assert result.counters["explained_by"] == "fibres" and result.samples_m.shape == (4, N, N)
+    told = result.counters["samples"]
+    assert told["count"] == 4 and max(told["residuals"]) < 1.1 * result.residual
+    apart = result.samples_m.std(axis=0)
+    assert 1e-8 < apart[truth > 1e-4].max() < 1e-5 and apart[truth == 0].mean() < 1e-7
+
+
 @pytest.mark.parametrize("set_up", ["known", "estimate"])
 def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answering, set_up):
     """A smooth bump, exactly found by the network: lines cannot do better."""

@@ -326,3 +326,32 @@ def test_every_network_of_few_steps_is_named(saved, scene):
         found = find_network(kind, scene, path=saved(kind, training={"steps": 999}))
         assert found.few_steps == 999 and "trained for 999 steps" in found.warnings[-1]
     assert all(weights_info(file).training["steps"] >= 1000 for file in shipped_weights())
+
+
+def test_samples_are_given_on_request_and_change_nothing_else(made, image):
+    """Random networks, whose answers differ everywhere: samples lie around the result and are no worse."""
+    plain = made("direct", is_random=True, refine_iterations=2, set_up="known").reconstruct(image)
+    result = made("direct", is_random=True, refine_iterations=2, set_up="known", samples=3).reconstruct(image)
+    assert plain.samples_m is None and "samples" not in plain.counters
+    np.testing.assert_array_equal(result.heights_m, plain.heights_m)
+    np.testing.assert_array_equal(result.uncertainty_m, plain.uncertainty_m)
+    assert result.samples_m.shape == (3, *result.heights_m.shape)
+    told = result.counters["samples"]
+    assert told["count"] == 3 and told["line"].startswith("3: they ") and result.timings_s["samples"] > 0
+    assert (np.array(told["residuals"]) < 1.1 * result.residual).all()
+
+
+def test_one_answer_has_no_samples_and_says_why(made, image):
+    result = made("direct", refine=False, symmetries=False, samples=2).reconstruct(image)
+    assert result.samples_m is None and "several symmetries" in result.counters["samples"]["line"]
+
+
+def test_ctrl_c_among_samples_keeps_the_result(made, image):
+    def stop(state):
+        if state.stage.startswith("samples"):
+            raise KeyboardInterrupt
+
+    method = made("direct", is_random=True, refine_iterations=2, set_up="known", samples=3)
+    result = method.reconstruct(image, progress=stop)
+    assert result.samples_m is None and "cut short" in result.counters["samples"]["line"]
+    assert result.counters["refinement"] != "no time left"

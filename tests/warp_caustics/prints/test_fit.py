@@ -125,3 +125,31 @@ def test_blocks_find_what_one_matrix_finds(monkeypatch):
     for one, other in zip(whole, split, strict=True):
         assert abs(one.line.height_m - other.line.height_m) < 3e-6
         assert abs(one.displacement_m - other.displacement_m) < 3e-6
+
+
+def test_another_width_is_found_and_told_from_another_height():
+    """One half as wide again, one narrower by a third; the third keeps its width to the last digit."""
+    printed = [
+        replace(LINES[0], width_m=1.5 * LINES[0].width_m), replace(LINES[1], width_m=0.67 * LINES[1].width_m), LINES[2]
+    ]  # fmt: skip
+    noise = np.random.default_rng(1).normal(0, 1e-6, (N, N))
+    fitted = fit_design(MODEL, LINES, relief(printed) + noise, SIGMA)
+    for fit, line in zip(fitted[:2], printed[:2], strict=True):
+        assert fit.line.width_m == pytest.approx(line.width_m, rel=0.02)
+        assert abs(fit.height_error_m) < 1e-5 and 0 < fit.width_std_m < 1e-4
+    assert fitted[2].width_error_m == 0.0 and fitted[2].line.width_m == LINES[2].width_m
+    assert status(printed) == ["too wide", "too narrow", "as designed"]
+
+
+def test_widths_that_are_as_designed_change_nothing():
+    """Heights and places are those of a fit that knows no widths."""
+    printed = [replace(moved_across(line, 2e-5, -2e-5), height_m=line.height_m + 1e-5) for line in LINES]
+    for fit in fit_design(MODEL, LINES, relief(printed), SIGMA):
+        assert fit.width_error_m == 0.0
+        assert fit.height_error_m == pytest.approx(1e-5, abs=1e-6)
+
+
+def test_a_missing_fibre_has_no_width():
+    printed = [replace(LINES[0], height_m=0.0), *LINES[1:]]
+    assert fit_design(MODEL, LINES, relief(printed), SIGMA)[0].width_error_m == 0.0
+    assert status(printed) == ["missing", "as designed", "as designed"]

@@ -1,0 +1,121 @@
+"""The bench that the lines of a design tell, where they do not explain the image on the one that was told.
+
+As in ``fibres``: heights that are free make up for a wrong gap, lines of a known section do not. A design says the
+section, and which lines there are.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+
+from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.line_posterior import height_deviation
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.losses_of_light import effects_of, with_losses
+from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_record import FoundBench
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
+from warp_caustics.types import FloatArray
+
+ROUNDS = 2
+"""In which bench and lines are found together, and lines then fitted on that bench."""
+GAIN = 0.9
+"""A bench must lower the discrepancy by this factor to be kept."""
+
+Fit = Callable[[torch.Tensor, LinesView], torch.Tensor]
+"""Of lines, shape [L, 6] [m], and a view: lines that explain it better."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnBench:
+    """Lines on the bench that they tell.
+
+    Attributes:
+        lines: shape [L, 6] [m].
+        view: the image on that bench.
+        bench: its numbers and light.
+        numbers: that it is told by.
+        covariance: of lines and bench together (:mod:`nets.reconstruct.fibres.line_posterior`).
+    """
+
+    lines: torch.Tensor
+    view: LinesView
+    bench: Bench
+    numbers: BenchNumbers
+    covariance: FloatArray
+
+    @property
+    def deviation_m(self) -> FloatArray:
+        """Of heights by what both leave open [m], shape [n, n]."""
+        return height_deviation(self.view.model, self.lines, self.covariance)
+
+    @property
+    def record(self) -> FoundBench:
+        """What was found, number by number."""
+        return bench_record(self.numbers, self.bench)
+
+
+def bench_of_design(
+    lines: torch.Tensor,
+    told: LinesView,
+    measured: CausticImage,
+    numbers: BenchNumbers,
+    fit: Fit,
+    report: Callable[[float], None],
+) -> OnBench | None:
+    """Lines and the bench on which they explain the image better; None where none is better by ``GAIN``.
+
+    Args:
+        lines: that explain the image best on the told bench, shape [L, 6] [m].
+        told: the image there.
+        measured: the image as it was measured.
+        numbers: of the told bench.
+        fit: fits lines to a view.
+        report: called after each evaluation with its loss; may raise.
+    """
+    numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
+    best, at, view = None, Bench.told(numbers), told
+    for _ in range(ROUNDS):
+        image, blur_px = seen_on(told.image, numbers, at), view.blur_px
+        lossy = with_losses(view.scene, partial(_misfit, image, lines, told, blur_px), both=True)
+        numbers = dataclasses.replace(numbers, scene=numbers.scene.model_copy(update=effects_of(lossy)))
+        pixels = usual_pixels(told.scene)
+        together = BenchOfLines(numbers, told.image, told.model, pixels, blur_px, report=report)
+        moved, at = together(lines, at)
+        try:
+            found = _on(at, numbers, moved, told, measured)
+        except InputError:
+            return best
+        moved = fit(moved, found)
+        was, now = view.left(lines), found.left(moved)
+        if was is None or now is None or not now < GAIN * was:
+            return best
+        lines, view = moved, found
+        best = OnBench(lines, view, at, numbers, together.covariance(lines, at))
+        if is_explained(now):
+            return best
+    return best
+
+
+def _misfit(image: CausticImage, lines: torch.Tensor, told: LinesView, blur_px: FloatArray, scene: Scene) -> float:
+    """Of lines in a scene, at its exposure."""
+    fit = ImageFit(scene, image, told.model, scene.image_pixels, blur_px=blur_px)
+    return fit.loss(told.model.heights(lines), at_exposure=True)
+
+
+def _on(bench: Bench, numbers: BenchNumbers, lines: torch.Tensor, told: LinesView, measured: CausticImage) -> LinesView:
+    """The image on another bench, with the camera that lines tell there."""
+    device, exposure = told.resimulation.simulator.device, told.resimulation.exposure
+    simulator = CausticSimulator(numbers.scene_of(bench.values), "lattice", device=device)
+    plain = Resimulation(simulator, seen_on(measured, numbers, bench, exposure), exposure)
+    return LinesView(plain.through(plain.found_camera(told.relief(lines))), told.model)

@@ -1,0 +1,108 @@
+"""How far lines may be from where they were found, by what the image tells of them and of all that was found beside.
+
+Laplace's approximation: the misfit's Gauss-Newton matrix about lines and bench together, in units of what is left of
+the image, is the inverse of their joint covariance. What a bench makes lines unsure of is in the block of the lines,
+since its numbers are free to move along. Heights follow to first order,
+
+    u^2 = diag(J C J^T),   J = d heights / d lines.
+
+Limits: lines that are missing, or too many, are in no covariance; nor is a section that is none of the plate's.
+"""
+
+import dataclasses
+
+import numpy as np
+import torch
+
+from nets.reconstruct.fibres.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.posterior_samples import samples_of
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import Reconstruction
+from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.reconstruct.result import as_glass
+from warp_caustics.types import FloatArray
+
+CORRELATED_PX = 100.0
+"""Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
+RIDGE = 1e-6
+"""Of the scaled matrix, that keeps lines on top of each other apart."""
+
+
+def misfit_weight(fit: ImageFit, loss: float) -> float:
+    """Of half the square of one standard deviation, in units of the misfit, at which the image leaves so much."""
+    counted = float((fit.measurement.weight > 0).sum())
+    return 2 * loss * CORRELATED_PX / max(counted, 1.0)
+
+
+def joint_covariance(fit: ImageFit, lines: torch.Tensor, beside: Beside | None, weight: float) -> FloatArray:
+    """Of lines [m^2] and what is beside them [widths], shape [6 L + K, 6 L + K].
+
+    Args:
+        fit: on the bench that lines were found on.
+        lines: shape [L, 6] [m].
+        beside: numbers of the bench and its light, K of them, about where they were found; None for none.
+        weight: of :func:`misfit_weight`.
+    """
+    heights, derivatives = fit.model.with_jacobian(lines)
+    information = fit.metric.normal_matrix(heights, derivatives, beside).numpy()
+    count = 0 if beside is None else len(beside.modes)
+    free = len(information) - count
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
+    scale[free:] = 1.0
+    information /= np.outer(scale, scale)
+    information[free:, free:] += weight * np.eye(count)
+    information[:free, :free] += RIDGE * np.eye(free)
+    covariance: FloatArray = weight * np.linalg.inv(information) / np.outer(scale, scale)
+    return covariance
+
+
+def height_deviation(model: LineModel, lines: torch.Tensor, covariance: FloatArray) -> FloatArray:
+    """Standard deviation of heights [m], shape [n, n], by the block of the lines.
+
+    Args:
+        model: renders lines.
+        lines: shape [L, 6] [m].
+        covariance: of :func:`joint_covariance`.
+    """
+    derivatives = model.with_jacobian(lines)[1].double().cpu().numpy()
+    flat = derivatives.reshape(len(derivatives), -1)
+    own = covariance[: len(flat), : len(flat)]
+    variance = np.einsum("pi,pi->i", own @ flat, flat)
+    deviation: FloatArray = np.sqrt(np.maximum(variance, 0.0)).reshape(derivatives.shape[1:])
+    return deviation
+
+
+def with_line_samples(
+    found: Reconstruction, count: int, view: LinesView, lines: torch.Tensor, covariance: FloatArray | None
+) -> Reconstruction:
+    """A result of lines with reliefs whose lines are drawn.
+
+    Args:
+        found: which may differ from the lines' relief by what a refinement added.
+        count: of samples.
+        view: the image on the bench that the lines explain it on.
+        lines: shape [L, 6] [m].
+        covariance: of lines and bench; None where the bench is as told.
+    """
+    if covariance is None:
+        fit = ImageFit(view.scene, view.image, view.model, usual_pixels(view.scene), blur_px=view.blur_px)
+        covariance = joint_covariance(fit, lines, None, misfit_weight(fit, fit.loss(view.model.heights(lines))))
+    added = found.heights_m - view.relief(lines)
+    drawn = drawn_lines(view.model, lines, covariance, count)
+    reliefs = [as_glass(view.relief(each) + added, view.scene) for each in drawn]
+    residuals = np.array([view.resimulation(each).residual for each in reliefs])
+    samples = samples_of(np.stack(reliefs), residuals, found.heights_m, view.resimulation, found.uncertainty_m)
+    counters = found.counters | {"samples": samples.record}
+    return dataclasses.replace(found, samples_m=samples.heights_m, counters=counters)
+
+
+def drawn_lines(
+    model: LineModel, lines: torch.Tensor, covariance: FloatArray, count: int, seed: int = 0
+) -> torch.Tensor:
+    """Lines as they may be as well, shape [N, L, 6] [m], within the model's limits."""
+    size = lines.numel()
+    values, vectors = np.linalg.eigh(covariance[:size, :size])
+    white = np.random.default_rng(seed).standard_normal((count, size))
+    steps = (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return torch.stack([model.clamped(lines + torch.from_numpy(step).reshape(lines.shape)) for step in steps])
