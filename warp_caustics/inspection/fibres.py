@@ -7,6 +7,7 @@ while the relief around it is as designed was not measured well enough, no more.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import skimage.measure
@@ -14,7 +15,7 @@ import skimage.measure
 from warp_caustics.height_field import cell_centres
 from warp_caustics.inspection.findings import FibreFinding, FibreStatus
 from warp_caustics.inspection.tolerance import COVERAGE_FACTOR, SMALLEST_CELLS
-from warp_caustics.prints.fit import FittedLine
+from warp_caustics.prints.fit import LARGEST_OFFSET_M, FittedLine
 from warp_caustics.prints.line import Line, Section, line_patch, line_relief
 from warp_caustics.types import BoolArray, FloatArray
 
@@ -24,6 +25,8 @@ FOOT_SHARE = 0.1
 """A fibre is where it has at least this share of its height."""
 EXTRA_LENGTH_M = 2e-3
 """A fibre that is not designed is at least so long [m]; shorter is a blob."""
+SAME_DIRECTION_DEG = 5.0
+"""An extra fibre beside a missing one is that one where their directions differ by no more."""
 EXTRA_ELONGATION = 2.5
 """And so many times as long as wide."""
 
@@ -60,7 +63,38 @@ def fibre_findings(
     ]
     nominal = line_relief(lines, n, plate_size_m, section=section)
     explained = line_relief([fit.line for fit in fitted], n, plate_size_m, section=section) - nominal
-    return (*findings, *_extras(out, deviation_m, explained, limit_m, plate_size_m))
+    return _moved(findings, _extras(out, deviation_m, explained, limit_m, plate_size_m))
+
+
+def _moved(findings: Sequence[FibreFinding], extras: Sequence[FibreFinding]) -> tuple[FibreFinding, ...]:
+    """Fibres and extra ones, of which one that lies beside a missing fibre is that fibre, displaced."""
+    told, left = list(findings), list(extras)
+    for k, fibre in enumerate(told):
+        if fibre.status != "missing":
+            continue
+        beside = [(abs(aside), extra) for extra in left if (aside := _aside(fibre, extra)) is not None]
+        if beside:
+            distance, extra = min(beside, key=lambda each: each[0])
+            left.remove(extra)
+            told[k] = replace(
+                fibre, status="displaced", height_error_m=math.nan, displacement_m=distance, volume_m3=extra.volume_m3
+            )
+    return (*told, *(replace(extra, name=f"extra {number}") for number, extra in enumerate(left, 1)))
+
+
+def _aside(fibre: FibreFinding, extra: FibreFinding) -> float | None:
+    """How far an extra fibre lies beside a designed one [m]; None where it is another."""
+    start, end, a, b = (np.array(p) for p in (fibre.start_m, fibre.end_m, extra.start_m, extra.end_m))
+    length = float(np.hypot(*(end - start)))
+    if length <= 0:
+        return None
+    along = (end - start) / length
+    found = (b - a) / max(float(np.hypot(*(b - a))), 1e-12)
+    middle = (a + b) / 2 - start
+    across = float(along[0] * middle[1] - along[1] * middle[0])
+    is_parallel = abs(float(along @ found)) > math.cos(math.radians(SAME_DIRECTION_DEG))
+    is_beside = 0 <= float(along @ middle) <= length and abs(across) <= LARGEST_OFFSET_M
+    return across if is_parallel and is_beside else None
 
 
 def _finding(

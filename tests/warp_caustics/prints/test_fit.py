@@ -153,3 +153,21 @@ def test_a_missing_fibre_has_no_width():
     printed = [replace(LINES[0], height_m=0.0), *LINES[1:]]
     assert fit_design(MODEL, LINES, relief(printed), SIGMA)[0].width_error_m == 0.0
     assert status(printed) == ["missing", "as designed", "as designed"]
+
+
+def test_a_fibre_that_was_taken_for_missing_with_another_beside_it_is_displaced():
+    """As where lines were fitted to the image and a new one took its place; one that crosses it is another."""
+    aside = moved_across(LINES[0], 1e-3, 1e-3)
+    printed = [aside, *LINES[1:]]
+    gone = [replace(LINES[0], height_m=0.0), *LINES[1:]]
+    deviation = relief(printed) - relief(LINES)
+    fitted = fit_design(MODEL, LINES, relief(gone), SIGMA)
+    limit = np.full((N, N), TOLERANCE)
+    found = fibre_findings(LINES, fitted, np.abs(deviation) > limit, deviation, limit, TOLERANCE, PLATE)
+    assert [fibre.status for fibre in found] == ["displaced", "as designed", "as designed"]
+    assert found[0].displacement_m == pytest.approx(1e-3, rel=0.4)
+    crossing = Line((-0.01, -0.022), (-0.014, -0.002), 3e-3, 5e-4)
+    deviation = relief([crossing, *LINES[1:]]) - relief(LINES)
+    found = fibre_findings(LINES, fitted, np.abs(deviation) > limit, deviation, limit, TOLERANCE, PLATE)
+    assert found[0].status == "missing" and [fibre.status for fibre in found[3:]] == ["extra"] * len(found[3:])
+    assert len(found) > 3
