@@ -21,6 +21,8 @@ ITERATED = json.loads((ROOT / "benchmarks" / "learned_h200.json").read_text(enco
 LINES = json.loads((ROOT / "benchmarks" / "bench.json").read_text(encoding="utf-8"))["suites"]["ideal"]["fibres"][
     "field"
 ]
+AUTO_CPU = json.loads((ROOT / "benchmarks" / "auto_cpu.json").read_text(encoding="utf-8"))
+RELEASE = json.loads((ROOT / "benchmarks" / "release.json").read_text(encoding="utf-8"))["cells"]
 CPU, GPU = "two CPU cores", "one H200"
 
 
@@ -56,6 +58,7 @@ ROWS = {
     "direct gpu": errors("direct", GPU),
     "symmetries": errors("direct:refine=false", CPU),
     "fibres": np.array(LINES["rmse_um"]),
+    "auto cpu": np.array(AUTO_CPU["rmse_um"]),
 }
 
 
@@ -71,20 +74,56 @@ def printed(cell):
     return re.findall(r"\d+(?:\.\d+)?", cell.split(",")[0])
 
 
+def released(method):
+    """Errors of a method on the thirty test fields [um]."""
+    return np.array([cell["rmse_um"] for cell in RELEASE if cell["method"] == method])
+
+
 def test_readme():
     rows = {row[0]: row[1:] for row in table(page("README.md"), "| relief RMSE, mean / median |")}
     agrees(printed(rows["flat guess"][0]), ROWS["flat guess"])
     nsfc = next(cells for name, cells in rows.items() if name.startswith("`nsfc`"))
     agrees(printed(nsfc[1]), ROWS["nsfc"])
-    agrees(printed(rows["`direct`, the default on a CPU"][0]), ROWS["direct cpu"])
-    agrees(printed(rows["`direct`, the default on a CPU"][1]), ROWS["direct gpu"])
+    direct = next(cells for name, cells in rows.items() if name.startswith("`direct`"))
+    agrees(printed(direct[0]), ROWS["direct cpu"])
+    agrees(printed(direct[1]), ROWS["direct gpu"])
     lines = next(cells for name, cells in rows.items() if name.startswith("`fibres`"))
-    agrees(printed(lines[1]), ROWS["fibres"])
     assert len(rows) == 4
-    times = LINES["time_s"]
-    assert [round(min(times)), round(max(times))] == figures(lines[1].split(",")[1])
-    assert rows["`direct`, the default on a CPU"][0].endswith(STORED["times"][CPU]["direct"])
-    assert rows["`direct`, the default on a CPU"][1].endswith("0.42 s") and STORED["times"][GPU]["direct"] == "422 ms"
+    for cell, of, times in ((lines[0], "auto cpu", AUTO_CPU["time_s"]), (lines[1], "fibres", LINES["time_s"])):
+        agrees(printed(cell), ROWS[of])
+        assert [round(min(times)), round(max(times))] == figures(cell.split(",")[1])
+    assert direct[0].endswith(STORED["times"][CPU]["direct"])
+    assert direct[1].endswith("0.42 s") and STORED["times"][GPU]["direct"] == "422 ms"
+
+
+def test_readme_on_test_fields():
+    text = " ".join(page("README.md").split())
+    (flat,) = re.findall(r"one H200; flat guess ([\d.]+ / [\d.]+) um, mean / median\)", text)
+    found = dict(re.findall(r"`(\w+)` ([\d.]+ / [\d.]+) um", text.split("flat guess 450")[1])) | {"flat": flat}
+    assert set(found) == {"flat", "fibres", "direct", "nsfc"}
+    for method, cell in found.items():
+        agrees(printed(cell), released(method))
+    (least,) = re.findall(r"which know nothing of prints, (\d+) um and more", text)
+    others = ("refine", "sfc", "hcccd", "transport")
+    agrees([least], min((released(method) for method in others), key=np.mean))
+
+
+def test_test_fields():
+    """The whole table, every cell of which is of one code version and one device, and of thirty fields."""
+    assert {(cell["code"], cell["device_name"], cell["image"]["set"]) for cell in RELEASE} == {
+        (RELEASE[0]["code"], "NVIDIA H200", "test")
+    }
+    rows = {row[0]: row[1:] for row in table(page("docs/learned.md"), "| thirty test fields |")}
+    assert {name.strip("`").replace("flat guess", "flat") for name in rows} == {cell["method"] for cell in RELEASE}
+    for name, (*errors, covered) in rows.items():
+        method = name.strip("`").replace("flat guess", "flat")
+        errors = [text.strip("*") for text in errors]
+        assert len(released(method)) == 30
+        agrees(errors, released(method))
+        within = [cell["within"] for cell in RELEASE if cell["method"] == method and "within" in cell]
+        assert (covered == "") == (not within)
+        if within:
+            assert covered == ", ".join(f"{100 * share:.0f}" for share in np.mean(within, axis=0)) + " %"
 
 
 def test_readme_on_cameras():
@@ -205,6 +244,7 @@ def test_ten_plates():
         "mean of eight": "symmetries",
         "`direct` on a CPU": "direct cpu",
         "`direct` on a GPU": "direct gpu",
+        "`auto` on a CPU": "auto cpu",
         "`fibres`": "fibres",
     }
     assert len(rows) == len(beginnings)

@@ -31,6 +31,11 @@ def after_lines(
     return dataclasses.replace(
         found,
         history=before + later,
-        timings_s={**timings} | {f"{name} without lines": value for name, value in found.timings_s.items()},
+        timings_s={**timings} | {_without_lines(name): value for name, value in found.timings_s.items()},
         counters=found.counters | dict(counters),
     )
+
+
+def _without_lines(part: str) -> str:
+    """Name of a part of the time; every result has one for its own simulation."""
+    return part if part == "resimulation" else f"{part} without lines"

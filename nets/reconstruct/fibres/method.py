@@ -8,63 +8,28 @@ image is explained no better, the answer is that of ``direct``.
 
 import dataclasses
 import time
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any
+from functools import cached_property
 
-import numpy as np
 import torch
 
 from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.fibres.after_lines import after_lines
-from nets.reconstruct.fibres.bench_of_lines import (
-    Bench,
-    BenchOfLines,
-    as_measured,
-    bench_record,
-    numbers_of_lines,
-    seen_on,
-)
-from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
-from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
-from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
-from nets.reconstruct.fibres.starting_lines import starting_lines
-from nets.reconstruct.fibres.uncertainty import of_lines
-from nets.reconstruct.losses_of_light import effects_of, with_losses
-from nets.reconstruct.network_io import network_result
-from nets.reconstruct.refinement import Refinement, outcome
-from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
-from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
     ProgressCallback,
     Reconstruction,
     Reconstructor,
-    StopReason,
 )
-from warp_caustics.reconstruct.pyramid import check_image, usual_pixels
-from warp_caustics.reconstruct.result import Resimulation
-from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
-from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.pyramid import check_image
+from warp_caustics.reconstruct.run_log import following
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
-
-TAKEN_SHARE = 0.6
-"""Lines are taken where they leave less than this share of what the network's relief leaves before it is refined, or
-nothing but noise: those that leave more are not the plate's, and bend with the bench to what they cannot explain. Where
-they leave more than noise, ``direct`` must leave more when both are refined."""
-BENCH_ROUNDS = 2
-"""In which bench and lines are found together, and lines then searched for on that bench."""
-BENCH_GAIN = 0.9
-"""A bench must lower the discrepancy by this factor to be kept."""
 
 
 class Fibres(Reconstructor):
@@ -120,19 +85,19 @@ class Fibres(Reconstructor):
         answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
-        run = _Run(self, image, answer, started, progress)
+        run = LinesOfImage(self, image, answer, started, progress)
         is_hasty = self.options.left_alone is not None and not self.finds_bench and not self.is_told_exactly
         if is_hasty and search.looks_other(image, answer, answer.heights_m):
             # Lines would be searched for in vain on a bench that is not there.
             run.leave()
-            return self._by_network(run, measured, progress)
+            return self._by_network(run, measured, initial, progress)
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
         if not run.takes_lines and is_free and (self.options.samples or not self.is_told_exactly):
-            return self._by_network(run, measured, progress)
+            return self._by_network(run, measured, initial, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
-            other = self._by_network(run, measured, progress)
+            other = self._by_network(run, measured, initial, progress)
             if other.residual < found.residual:
                 return other
         if self.options.causes and found.stop_reason != "interrupted":
@@ -147,267 +112,14 @@ class Fibres(Reconstructor):
         options = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
         return Direct(self.network.network.seen.user, DirectOptions(**options), self.device)
 
-    def _by_network(self, run: "_Run", image: CausticImage, progress: ProgressCallback | None) -> Reconstruction:
+    def _by_network(
+        self, run: LinesOfImage, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None
+    ) -> Reconstruction:
         """The record of ``direct``, where lines do not tell the image."""
         log = run.log
         after = following(progress, len(log.history), log.started, "without lines, ")
         self._direct.asked_before = self.network.asked_before
-        found = self._direct.reconstruct(image, progress=after)
+        found = self._direct.reconstruct(image, initial=initial, progress=after)
         timings, counters = run.timings, run.counters | {"explained_by": "network"}
         told = after_lines(found, log.history, run.seconds, timings, counters)
         return dataclasses.replace(told, method=self.name, settings=found.settings | self.options.model_dump())
-
-
-class _Run:
-    """One image: what was found so far."""
-
-    def __init__(
-        self,
-        method: Fibres,
-        image: CausticImage,
-        answer: Reconstruction,
-        started: float,
-        progress: ProgressCallback | None,
-    ):
-        self.method, self.answer, self.measured = method, answer, image
-        profile = method.options.profile
-        self.model = LineModel(method.scene, "cosine" if profile == "found" else profile, method.device)
-        self.exposure = np.asarray(answer.counters["exposure"], np.float64)
-        self.camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
-        # Lines are looked for in channels that lie together, and with the camera's blur in the model.
-        self.told = LinesView(
-            Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
-        )
-        self.view = self.told
-        """On the bench that explains the image best."""
-        numbers = method.network.numbers
-        self.numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
-        """Beside an image that told stray light has been taken off."""
-        self.bench = Bench.told(self.numbers)
-        self.iterations = method.options.max_iterations or ITERATIONS
-        total = (method.options.jumps + 2) * self.iterations
-        self.log = RunLog(total, progress, method.options.max_time_s, started=started, history=list(answer.history))
-        self.reason: StopReason = "converged"
-        self.refined = 0
-        """Steps of refinements, which are not in the history."""
-        self.lines = torch.zeros(0, 6, dtype=torch.float64)
-        self.covariance: FloatArray | None = None
-        """Of lines and bench, where both were found."""
-        self.moves_section = False
-        self.takes_lines = self.is_noise_left = False
-        self.seconds, self.timings, self.counters = 0.0, dict[str, float](), dict[str, Any]()
-
-    def leave(self) -> None:
-        """No lines."""
-        self.seconds = self.timings["network"] = self.log.elapsed_s
-        self.counters = {"fibres": 0}
-
-    def fit(self) -> None:
-        """Lines, and the bench that they tell where they do not explain the image on the one that was told."""
-        method, answer = self.method, self.answer
-        self.timings["network"] = self.log.elapsed_s
-        try:
-            self._fit()
-            self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
-            if method.finds_bench and len(self.lines) and not self.told.is_explained(self.lines):
-                self._fit_with_bench()
-        except KeyboardInterrupt as stop:
-            self.reason = why_stopped(stop)
-        last = "bench of lines" if "fibres" in self.timings else "fibres"
-        self.seconds = self.log.elapsed_s
-        self.timings[last] = self.seconds - sum(self.timings.values())
-        self.counters |= {"fibres": len(self.lines), "explained_by": "network"}
-        if method.finds_section:
-            self.counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
-        if not len(self.lines):
-            return
-        found = self.view.relief(self.lines)
-        residual = self.view.resimulation(found).residual
-        of_network = self.view.resimulation(answer.heights_m).residual
-        self.counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
-        self.is_noise_left = residual < of_network and is_explained(self.view.discrepancy(found))
-        self.takes_lines = self.is_noise_left or residual < TAKEN_SHARE * of_network
-
-    def result(self) -> Reconstruction:
-        """Lines if they explain the image better than the network's relief, else that relief, refined."""
-        method, answer, timings, is_noise_left = self.method, self.answer, self.timings, self.is_noise_left
-        heights, fibres, view, counters = answer.heights_m, None, self.told, dict(self.counters)
-        found_at = None
-        if self.takes_lines:
-            view, fibres = self.view, self.lines.numpy()
-            heights, counters["explained_by"] = view.relief(self.lines), "fibres"
-        if method.options.refine and self.reason == "converged" and not is_noise_left:
-            refined = self._refined(view, heights)
-            heights, counters["refinement"], found_at = refined.heights, refined.outcome, refined.found_at
-            timings["refinement"] = self.log.elapsed_s - sum(timings.values())
-        counters["camera"] = view.resimulation.camera.record
-        counters["discrepancy"] = left = view.discrepancy(heights)
-        warnings = list(answer.warnings)
-        if view is not self.told:
-            record = bench_record(self.numbers, self.bench)
-            counters |= {
-                "bench": record.record | {"light": self.bench.field.tolist()},
-                "losses": effects_of(view.scene),
-            }
-            warnings += record.warnings()
-        uncertainty = None
-        if answer.uncertainty_m is not None:
-            is_asked = method.options.causes and not is_noise_left
-            rest = view.resimulation.rest(heights, found_at) if is_asked else None
-            posterior = None
-            if self.takes_lines and self.covariance is not None:
-                posterior = height_deviation(self.model, self.lines, self.covariance)
-            flat = method.options.flatness_m
-            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior)
-        result = network_result(
-            method.name,
-            view.resimulation,
-            heights,
-            reason=self.reason,
-            history=self.log.history,
-            timings=timings,
-            counters=counters,
-            settings=method.options.model_dump() | {"network": method.network.network.record},
-            warnings=warnings,
-            uncertainty=uncertainty,
-            no_uncertainty=answer.no_uncertainty,
-            found_at=found_at,
-        )
-        if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
-            told = (
-                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
-                "which the difference of the images shows"
-            )
-            result = dataclasses.replace(result, warnings=(*result.warnings, told))
-        if view is not self.told:
-            measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
-            result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
-        result = dataclasses.replace(result, fibres_m=fibres)
-        if not (method.options.samples and self.takes_lines and self.reason == "converged"):
-            return result
-        return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
-
-    def _fit(self) -> None:
-        """Lines on the bench that was told."""
-        heights = torch.as_tensor(self.answer.heights_m)
-        spread = torch.zeros_like(heights)
-        if self.answer.uncertainty_m is not None:
-            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        options, told = self.method.options, self.model.shape
-        most = options.most_lines if options.left_alone is None else min(options.most_lines, options.left_alone)
-        start = starting_lines(self.model, heights, spread, most, finds_section=self.method.finds_section)
-        self.counters["lines_of_relief"] = len(start)
-        if options.left_alone is not None and len(start) >= options.left_alone:
-            self.model.shape = told
-            return
-        # What the relief tells is the nearest of a few sections.
-        self.moves_section = self.model.shape != told
-        self._search(self.told, start, options.jumps)
-
-    def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
-        method, device = self.method, self.method.device
-        answer = self.answer
-        spread = np.zeros_like(answer.heights_m) if answer.uncertainty_m is None else answer.uncertainty_m
-        relief_m, spread_m = (
-            torch.as_tensor(each).to(device, torch.float32)
-            for each in (answer.heights_m, spread / DIRECT_CALIBRATION.scale)
-        )
-        search = LineSearch(
-            view.scene,
-            view.image,
-            self.model,
-            method.options.pixels_on(device.type, method.scene),
-            jumps=jumps,
-            iterations=self.iterations,
-            finds_section=method.finds_section and view is self.told,
-            moves_section=self.moves_section,
-            answer=Answer(relief_m, spread_m, method.options.most_lines),
-            discrepancy=view.left,
-            report=self._note,
-            blur_px=view.blur_px,
-        )
-        try:
-            search.run(start)
-        finally:
-            self.lines = search.lines if len(search.lines) else start
-            self.moves_section = search.moves_section
-
-    def _fit_with_bench(self) -> None:
-        """Lines with the bench they tell, where that explains the image better."""
-        method = self.method
-        for _ in range(BENCH_ROUNDS):
-            kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
-            blur_px = self.view.blur_px
-            image = seen_on(self.told.image, self.numbers, self.bench)
-            scene = with_losses(self.view.scene, partial(self._misfit, image, blur_px))
-            told = self.numbers.scene.model_copy(update=effects_of(scene))
-            self.numbers = dataclasses.replace(self.numbers, scene=told)
-            together = BenchOfLines(
-                self.numbers,
-                self.told.image,
-                self.model,
-                usual_pixels(method.scene),
-                blur_px,
-                with_section=self.moves_section,
-                report=self._note,
-            )
-            try:
-                lines, self.bench = together(self.lines, self.bench)
-                self.view = self._on(self.bench, lines)
-                self._search(self.view, lines, 1)
-            except KeyboardInterrupt:
-                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
-                raise
-            was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-            if was is None or now is None or not now < BENCH_GAIN * was:
-                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
-                return
-            self.covariance = together.covariance(self.lines, self.bench)
-            if is_explained(now):
-                return
-
-    def _misfit(self, image: CausticImage, blur_px: FloatArray, scene: Scene) -> float:
-        """Of the lines so far in a scene, at its exposure."""
-        fit = ImageFit(scene, image, self.model, scene.image_pixels, blur_px=blur_px)
-        return fit.loss(self.model.heights(self.lines), at_exposure=True)
-
-    def _on(self, bench: Bench, lines: torch.Tensor) -> LinesView:
-        """The image on another bench, with the camera that lines tell there."""
-        simulator = CausticSimulator(self.numbers.scene_of(bench.values), "lattice", device=self.method.device)
-        image = seen_on(self.measured, self.numbers, bench, self.exposure)
-        plain = Resimulation(simulator, image, self.exposure)
-        camera = plain.found_camera(self.told.relief(lines))
-        return LinesView(plain.through(camera), self.model)
-
-    def _note(self, loss: float) -> None:
-        self.log.note("fibres", None, objective=loss)
-
-    def _refined(self, view: LinesView, heights: FloatArray) -> "_Refined":
-        """A relief after the steps that ``direct`` ends with."""
-        resimulation = view.resimulation
-        if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
-            return _Refined(heights, None, "interrupted")
-        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
-        elapsed = self.log.elapsed_s
-        before = len(self.log.history) + self.refined
-        progress = following(self.log.progress, before, self.log.started, "refinement, ")
-        refinement = self.method.refinement
-        if view is not self.told:
-            refinement = Refinement(view.scene, refinement.options, self.method.device, refinement.scale)
-        found = refinement(resimulation, heights, elapsed, progress, spread)
-        self.refined += 0 if found is None else len(found.history)
-        if found is None:
-            self.reason = "max_time"
-        elif found.reason in ("interrupted", "max_time"):
-            self.reason = found.reason
-        better = heights if found is None else found.heights
-        return _Refined(better, None if found is None else found.found_at, outcome(found))
-
-
-@dataclass(frozen=True)
-class _Refined:
-    """A refined relief [m], shape [n, n], pixels per side that had a say in it, and what became of the refinement."""
-
-    heights: FloatArray
-    found_at: int | None
-    outcome: str

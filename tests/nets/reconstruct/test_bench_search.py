@@ -103,7 +103,7 @@ def test_a_hasty_search_for_lines_leaves_images_of_other_benches_to_direct(monke
     assert told == [False, True]
 
     asked = []
-    monkeypatch.setattr("nets.reconstruct.fibres.method._Run.fit", lambda self: asked.append(self))
+    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.LinesOfImage.fit", lambda self: asked.append(self))
     options = {"weights": saved("direct", scene=SCENE), "refine": False}
     result = create("fibres", SCENE, left_alone=20, **options).reconstruct(moved)
     assert not asked and result.method == "fibres" and result.counters["explained_by"] == "network"
