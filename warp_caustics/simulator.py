@@ -91,6 +91,7 @@ class CausticSimulator:
         placement = placement or defaults.placement
         self.plan = PhotonPlan(scene, placement, wished, self.seed, role)
         self.engine = Engine(scene, self.plan, self.smoothing, self.profile, self.device, dtype)
+        self._extremes = Extremes(self.device, dtype)
 
     @property
     def n_photons(self) -> int:
@@ -113,7 +114,7 @@ class CausticSimulator:
             ResourceError: the GPU's memory is too small; says which batch would fit.
         """
         batch = self._shaped(heights)
-        extremes = Extremes(batch)
+        extremes = self._extremes.of(batch)
         if self.device.type == "cpu":
             self._check_heights(heights, extremes)
         try:
@@ -174,9 +175,9 @@ class CausticSimulator:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
         return heights if heights.ndim == 3 else heights[None]
 
-    def _check_heights(self, heights: torch.Tensor, extremes: "Extremes") -> None:
+    def _check_heights(self, heights: torch.Tensor, extremes: torch.Tensor) -> None:
         """Refuse heights that cannot be simulated."""
-        lowest, highest = extremes.read()
+        lowest, highest = self._extremes.read(extremes)
         if not (math.isfinite(lowest) and math.isfinite(highest)):
             where = (~torch.isfinite(heights)).nonzero()[0].tolist()
             raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")
@@ -191,23 +192,30 @@ class Extremes:
     """Lowest and highest of some heights, which a GPU finds and copies to the host while this one goes on.
 
     Args:
-        heights: of any shape; a height that is not a number is both the lowest and the highest.
+        device: of the heights.
+        dtype: likewise.
     """
 
-    def __init__(self, heights: torch.Tensor):
-        pair = torch.stack(torch.aminmax(heights.detach()))
-        self._found, self._is_there = pair, None
-        if heights.is_cuda:
-            self._found = torch.empty(2, dtype=heights.dtype, pin_memory=True)
-            self._found.copy_(pair, non_blocking=True)
-            self._is_there = torch.cuda.Event()
-            self._is_there.record(torch.cuda.current_stream(heights.device))
+    def __init__(self, device: torch.device, dtype: torch.dtype):
+        self._pinned, self._is_there = None, None
+        if device.type == "cuda":
+            # Made once: memory that a GPU can write to takes the host longer than a simulation.
+            self._pinned, self._is_there = torch.zeros(2, dtype=dtype, pin_memory=True), torch.cuda.Event()
 
-    def read(self) -> tuple[float, float]:
+    def of(self, heights: torch.Tensor) -> torch.Tensor:
+        """Begin with heights of any shape; one that is not a number is both the lowest and the highest."""
+        pair = torch.stack(torch.aminmax(heights.detach()))
+        if self._pinned is None or self._is_there is None:
+            return pair
+        self._pinned.copy_(pair, non_blocking=True)
+        self._is_there.record(torch.cuda.current_stream(heights.device))
+        return self._pinned
+
+    def read(self, pair: torch.Tensor) -> tuple[float, float]:
         """Both, as soon as they are there."""
         if self._is_there is not None:
             self._is_there.synchronize()
-        lowest, highest = self._found.tolist()
+        lowest, highest = pair.tolist()
         return lowest, highest
 
 
