@@ -48,6 +48,7 @@ CONDITIONS = "python -m benchmarks.robustness --device cuda"
 OWN = f"{CONDITIONS} --own 777001 --fields 60"
 LEARNED = "python -m benchmarks.learned iterations --iterations 20 --device cuda"
 COMPARE = "nsfc compare --testset"
+RELEASE = "python -m benchmarks.release --device cuda"
 
 PLACES = (
     # Constants in the code.
@@ -61,11 +62,14 @@ PLACES = (
     # Stored figures, from which tests/test_figures.py checks the pages.
     Place("benchmarks/robustness_h200.json", '"weights"', DIRECT, f"{CONDITIONS}, on the CPU too; {OWN}; {COMPARE}"),
     Place("benchmarks/learned_h200.json", "iterations/full", ABLATIONS, LEARNED),
-    Place("benchmarks/bench.json", '"weights"', {**DIRECT, **FAMILY}, "make bench-lab"),
+XX, {**DIRECT, **FAMILY}, "make bench-lab"),
+    Place("benchmarks/release.json", '"cells"', {**DIRECT, **FAMILY, **ABLATIONS}, RELEASE),
+    Place("benchmarks/auto_cpu.json", '"rmse_um"', {**DIRECT, **FAMILY}, "nsfc bench run --suite ideal --methods auto"),
     # Pages.
     Place("README.md", "## What it reaches", {**DIRECT, **NSFC}, "benchmarks/robustness_h200.json, learned_h200.json"),
     Place("docs/start.md", "## Read the result", DIRECT, "make demo"),
     Place("docs/learned.md", "## Measured", {**DIRECT, **NSFC}, CONDITIONS),
+    Place("docs/learned.md", "### Thirty test fields", {**DIRECT, **FAMILY, **ABLATIONS}, RELEASE),
     Place("docs/learned.md", "### The camera", DIRECT, OWN),
     Place("docs/learned.md", "### Noise and exposure", OLD, "python -m benchmarks.learned noise; exposure"),
     Place("docs/learned.md", "### The paper's iteration", {**OLD, **ABLATIONS}, LEARNED),
