@@ -62,7 +62,7 @@ PLACES = (
     # Stored figures, from which tests/test_figures.py checks the pages.
     Place("benchmarks/robustness_h200.json", '"weights"', DIRECT, f"{CONDITIONS}, on the CPU too; {OWN}; {COMPARE}"),
     Place("benchmarks/learned_h200.json", "iterations/full", ABLATIONS, LEARNED),
-XX, {**DIRECT, **FAMILY}, "make bench-lab"),
+    Place("benchmarks/bench.json", '"weights"', {**DIRECT, **FAMILY}, "make bench-lab"),
     Place("benchmarks/release.json", '"cells"', {**DIRECT, **FAMILY, **ABLATIONS}, RELEASE),
     Place("benchmarks/auto_cpu.json", '"rmse_um"', {**DIRECT, **FAMILY}, "nsfc bench run --suite ideal --methods auto"),
     # Pages.
