@@ -1,6 +1,6 @@
 """Time and memory against photons, pixels and height samples from the JSON files of scale.py: docs/scale.png.
 
-python -m benchmarks.plot_scale benchmarks/scale_cpu.json [benchmarks/scale_gpu.json] docs/scale.png
+python -m benchmarks.plot_scale benchmarks/scale_cpu.json [benchmarks/scale_h200.json] docs/scale.png
 """
 
 import json

@@ -62,7 +62,7 @@ def test_seed_selects_the_photons(inputs, tmp_path):
 @pytest.mark.parametrize(
     ("options", "code", "reason"),
     [
-        (["--n-photons", "0"], 3, "n_photons"),
+        (["--n-photons", "0"], 3, "--n-photons"),
         (["--n-photons", "1.5"], 2, "not a whole number"),
         (["--n-photons", "inf"], 2, "not a finite number"),
         (["--smoothing", "nan"], 2, "not a finite number"),
