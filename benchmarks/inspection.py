@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.planted_defects import distance
 from data_gen.config import ReliefConfig
 from data_gen.patterns import draw_strokes
 from nets.inspection.from_nominal import FromNominal
@@ -157,20 +158,10 @@ def scored(plate: Plate, found: Inspection) -> dict[str, Any]:
     }
     if plate.defect is not None:
         axis = plate.designed[plate.number - 1], plate.printed[plate.number - 1]
-        row["located"] = bool(found.regions) and _distance(found.regions[0].centre_m, axis) < NEAR_M
+        row["located"] = bool(found.regions) and distance(found.regions[0].centre_m, axis) < NEAR_M
         row["named"] = faults.get(str(plate.number)) == plate.defect
         row["others_named"] = sum(name != str(plate.number) for name in faults)
     return row
-
-
-def _distance(point_m: tuple[float, float], lines: Sequence[Line]) -> float:
-    """From a point to the nearer of the lines [m]."""
-    distances = []
-    for line in lines:
-        along = np.subtract(line.end_m, line.start_m)
-        t = np.clip(np.dot(np.subtract(point_m, line.start_m), along) / np.dot(along, along), 0, 1)
-        distances.append(float(np.hypot(*(np.subtract(point_m, line.start_m) - t * along))))
-    return min(distances)
 
 
 def main() -> None:

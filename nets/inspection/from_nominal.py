@@ -50,7 +50,7 @@ from nets.reconstruct.with_causes import with_causes
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.inspection.nominal import Nominal
-from warp_caustics.prints.fit import FittedLine
+from warp_caustics.prints.fit_design import FittedLine
 from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction, StopReason
 from warp_caustics.reconstruct.pyramid import check_image, check_initial, measurement_at, simulator_at
 from warp_caustics.reconstruct.refine.height_descent import HeightDescent

@@ -1,6 +1,6 @@
 """Reliefs made of lines, as candidates for a plate: of the design's lines, or of whatever lines a relief has.
 
-Lines are found in a relief by least squares (``warp_caustics.prints.fit``; without a design
+Lines are found in a relief by least squares (``warp_caustics.prints.fit_design``; without a design
 ``warp_caustics.prints.vectorise``), and then fitted to the image (``nets.reconstruct.fibres.search``).
 """
 
@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import FINAL_ITERATIONS, ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.uncertainty import SPREADS
 from warp_caustics.inspection.nominal import Nominal
-from warp_caustics.prints.fit import FittedLine, fit_design
+from warp_caustics.prints.fit_design import FittedLine, fit_design
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.prints.model import Limits, LineModel, rows_of
 from warp_caustics.prints.vectorise import lines_of_relief

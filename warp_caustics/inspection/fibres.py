@@ -1,6 +1,6 @@
 """What is the matter with each fibre of a printed plate: missing, too high, displaced; and fibres nobody designed.
 
-Judged are the lines as they were found (``prints.fit.fit_design``). A fault counts only
+Judged are the lines as they were found (``prints.fit_design``). A fault counts only
 where the plate is out of tolerance: a fibre whose measured numbers are odd
 while the relief around it is as designed was not measured well enough, no more.
 """
@@ -15,7 +15,7 @@ import skimage.measure
 from warp_caustics.height_field import cell_centres
 from warp_caustics.inspection.findings import FibreFinding, FibreStatus
 from warp_caustics.inspection.tolerance import COVERAGE_FACTOR, SMALLEST_CELLS
-from warp_caustics.prints.fit import LARGEST_OFFSET_M, FittedLine
+from warp_caustics.prints.fit_design import LARGEST_OFFSET_M, FittedLine
 from warp_caustics.prints.line import Line, Section, line_patch, line_relief
 from warp_caustics.types import BoolArray, FloatArray
 

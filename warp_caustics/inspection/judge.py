@@ -14,7 +14,7 @@ from warp_caustics.inspection.findings import Inspection
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.inspection.place import Place, found_place, moved_design
 from warp_caustics.inspection.tolerance import COVERAGE_FACTOR, level
-from warp_caustics.prints.fit import FittedLine, fit_design
+from warp_caustics.prints.fit_design import FittedLine, fit_design
 from warp_caustics.prints.line import Line, direction
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.tolerance import line_limit

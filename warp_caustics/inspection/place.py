@@ -24,6 +24,7 @@ import scipy  # loads its parts when they are first used
 
 from warp_caustics.height_field import cell_centres
 from warp_caustics.inspection.nominal import Nominal
+from warp_caustics.prints.fit_design import CORRELATED_CELLS, WAVINESS_M
 from warp_caustics.prints.line import Line, line_patch
 from warp_caustics.scene import Scene
 from warp_caustics.types import BoolArray, FloatArray
@@ -40,10 +41,6 @@ FIBRE_NUMBERS = 4.0
 """That the cells of one fibre tell: where both ends are, its height, its width."""
 PRINTED_M = 2e-5
 """How far each fibre lies from its place, as it is printed [m]."""
-WAVINESS_M = 5e-6
-"""No height is trusted better [m]."""
-CORRELATED_CELLS = 4.0
-"""Neighbouring heights err together; so many count as one."""
 SQUARES = 4
 """Along a side, over which the scatter is taken."""
 FEWEST_CELLS = 50

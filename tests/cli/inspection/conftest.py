@@ -7,7 +7,7 @@ import pytest
 
 import cli.inspection.job
 from nets.inspection.from_nominal import FromNominalResult
-from warp_caustics.prints.fit import FittedLine
+from warp_caustics.prints.fit_design import FittedLine
 from warp_caustics.reconstruct.base import Reconstruction
 
 CONFIG = ("--config", "small", "--device", "cpu", "--tolerance", "50um")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from warp_caustics.inspection.fibres import fibre_findings
-from warp_caustics.prints.fit import fit_design
+from warp_caustics.prints.fit_design import fit_design
 from warp_caustics.prints.line import Line, line_relief, moved_across
 from warp_caustics.prints.model import LineModel
 from warp_caustics.scene import Scene
@@ -116,7 +116,7 @@ def test_odd_numbers_without_a_deviation_are_no_fault():
 
 def test_blocks_find_what_one_matrix_finds(monkeypatch):
     """Several blocks, where a design is too large for one: the same heights, within what their overlaps leave."""
-    from warp_caustics.prints import fit as module
+    from warp_caustics.prints import fit_design as module
 
     heights = relief([replace(line, height_m=1.1 * line.height_m) for line in LINES])
     whole = fit_design(MODEL, LINES, heights, SIGMA)
