@@ -96,8 +96,10 @@ class Direct(Reconstructor):
     name = "direct"
     watch: Callable[[Reconstruction], None] | None = None
     """Called with what was found on the told bench, before any other is looked for."""
-    asked_before: tuple[CausticImage, Opinion] | None = None
-    """The last image, and what the networks said of it: another of these methods on the same bench need not ask."""
+    said: tuple[CausticImage, Opinion] | None = None
+    """The last image that the networks were asked about, and what they said; for :meth:`take_over`."""
+    handed: tuple[CausticImage, Opinion] | None = None
+    """What the next call need not ask, of this image."""
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
         self.options, self.device = options or DirectOptions(), usable_device(device)
@@ -121,6 +123,13 @@ class Direct(Reconstructor):
         self.simulator = CausticSimulator(self.scene, "lattice", device=self.device)
         self.refinement = Refinement(self.scene, self.options, self.device, self.network.seen.scale)
 
+    def take_over(self, other: "Direct") -> None:
+        """Let the next call, if it is of the image that another of these was asked about last, not ask it again.
+
+        Once: an image may be changed between calls, and whoever calls twice wants it asked twice.
+        """
+        self.handed, other.said = other.said, None
+
     def on_bench(self, scene: Scene) -> Self:
         """The same method for another bench near its own: as many pixels, samples and wavelengths.
 
@@ -136,7 +145,7 @@ class Direct(Reconstructor):
         if beyond is not None and not networks:
             raise beyond
         other = copy.copy(self)
-        other.asked_before = None
+        other.said = other.handed = None
         other._ask(networks)
         return other
 
@@ -264,11 +273,9 @@ class Direct(Reconstructor):
             check_initial(initial, self.network.seen.user)
         log = RunLog(0, progress)
         resimulation = self._resimulation(image)
-        if self.asked_before is not None and self.asked_before[0] is image:
-            found = self.asked_before[1]
-        else:
-            found = self._opinion(resimulation, log)
-            self.asked_before = None if found.reason == "interrupted" else (image, found)
+        handed, self.handed = self.handed, None
+        found = handed[1] if handed is not None and handed[0] is image else self._opinion(resimulation, log)
+        self.said = None if found.reason == "interrupted" else (image, found)
         answers, network, reason = found.answers, found.source.network, found.reason
         interrupted = reason == "interrupted"
         warnings = list(network.warnings)

@@ -63,7 +63,7 @@ class Fibres(Reconstructor):
         self.scene = scene = self.network.scene
         self.options = self.options.on(self.device.type)
         self.finds_bench = (self.options.set_up or ("estimate" if is_gpu else "known")) == "estimate"
-        self.is_told_exactly = self.options.set_up == "known"
+        self.takes_bench_as_told = self.options.set_up == "known"
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -86,14 +86,14 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run = LinesOfImage(self, image, answer, started, progress)
-        is_hasty = self.options.left_alone is not None and not self.finds_bench and not self.is_told_exactly
+        is_hasty = self.options.left_alone is not None and not self.finds_bench and not self.takes_bench_as_told
         if is_hasty and search.looks_other(image, answer, answer.heights_m):
             # Lines would be searched for in vain on a bench that is not there.
             run.leave()
             return self._by_network(run, measured, initial, progress)
         run.fit()
         is_free = self.options.max_time_s is None and run.reason == "converged"
-        if not run.takes_lines and is_free and (self.options.samples or not self.is_told_exactly):
+        if not run.takes_lines and is_free and (self.options.samples or not self.takes_bench_as_told):
             return self._by_network(run, measured, initial, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
@@ -118,7 +118,7 @@ class Fibres(Reconstructor):
         """The record of ``direct``, where lines do not tell the image."""
         log = run.log
         after = following(progress, len(log.history), log.started, "without lines, ")
-        self._direct.asked_before = self.network.asked_before
+        self._direct.take_over(self.network)
         found = self._direct.reconstruct(image, initial=initial, progress=after)
         timings, counters = run.timings, run.counters | {"explained_by": "network"}
         told = after_lines(found, log.history, run.seconds, timings, counters)

@@ -1,10 +1,13 @@
 """Lines from a network's answer and an image, on a small scene."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
 import nets.reconstruct.network_answers as answers_module
+from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.methods import create
@@ -292,6 +295,29 @@ def test_many_lines_are_left_to_the_network_if_so_wished(model, image, answering
     assert result.counters["lines_of_relief"] == len(LINES)
     assert not any(entry.get("method") == "fibres" for entry in result.history)
     assert answering(truth, left_alone=len(LINES) + 1).reconstruct(image).counters["fibres"] == len(LINES)
+
+
+def test_each_call_asks_the_network_once(monkeypatch, model, image, answering):
+    """Whether lines are taken or not; and again of an image that may have been changed since."""
+    asked = []
+    opinion = Direct._opinion
+
+    def counted(self, *arguments):
+        asked.append(self)
+        return opinion(self, *arguments)
+
+    monkeypatch.setattr(Direct, "_opinion", counted)
+    options = {"refine_iterations": 2, "refine_pixels": 2 * N, "losses": False}
+    method = answering(model.heights(LINES).double().numpy(), left_alone=len(LINES), **options)
+    changed = dataclasses.replace(image, irradiance=image.irradiance.copy())
+    for calls in (1, 2):
+        assert method.reconstruct(changed).counters["explained_by"] == "network"
+        assert asked == [method.network] * calls
+        changed.irradiance[:, :8] = 1.0
+    direct = method.network
+    for _ in range(2):
+        direct.reconstruct(changed)
+    assert len(asked) == 4
 
 
 def test_nothing_printed(answering):
