@@ -45,6 +45,8 @@ class _Worker:
     heard: bool = False
     """It has given a sign of life."""
     ready: bool = False
+    begun: bool = False
+    """It has begun a shard."""
     tasks: dict[int, Task] = field(default_factory=dict)
     """Handed out and not done."""
     started: dict[int, float] = field(default_factory=dict)
@@ -155,6 +157,8 @@ class Supervisor:
         shard: int = message["shard"]
         if event == "start":
             worker.started[shard] = worker.last_seen
+            worker.begun = True
+            self._deaths_at_start = 0
         elif event == "done":
             del worker.tasks[shard]
             worker.started.pop(shard, None)
@@ -172,7 +176,6 @@ class Supervisor:
         elif fields != self._fields:
             raise MismatchError(f"workers on {self._devices[0]} and {worker.device} announce different fields; use one")
         worker.ready = True
-        self._deaths_at_start = 0
 
     def _look_for_hangs(self) -> None:
         now = time.monotonic()
@@ -196,13 +199,11 @@ class Supervisor:
         why = why or cause_of_death(worker.process.exitcode)
         self._workers.remove(worker)
         who = f"worker {worker.number} (process {worker.process.pid}, {worker.device})"
-        if not worker.ready:
+        if not worker.begun:
             self._deaths_at_start += 1
             if self._deaths_at_start >= MOST_DEATHS:
                 raise ResourceError(f"{MOST_DEATHS} workers died while starting, the last one {why}; see its messages")
-            self._meter.note(f"{who} {why} while starting; started again")
-        else:
-            self._blame(worker, who, why)
+        self._blame(worker, who, why)
         if self._pending or self._suspects:
             self._spawn(worker.number, worker.device)
 
@@ -218,8 +219,9 @@ class Supervisor:
                 self._suspects.append(task)
             what = "given up" if given_up else "made again"
             self._meter.note(f"{who} {why} at shard {task.shard}; {what} ({len(deaths)} of {MOST_DEATHS})")
-        if not worker.tasks:
-            self._meter.note(f"{who} {why} between shards; started again")
+        if not worker.started:
+            # It may have been given shards, of which it had begun none.
+            self._meter.note(f"{who} {why} {'between shards' if worker.begun else 'while starting'}; started again")
 
     def _dismiss(self) -> None:
         for worker in self._workers:

@@ -128,14 +128,55 @@ def dying_factory(config, device):
     os._exit(9)
 
 
-def factory_of_differing_fields(config, device):
-    sampler = SyntheticSampler(config, pause_s=0.3)
-    sampler.fields = FIELDS if device == "cpu:0" else FIELDS[:1]
-    return sampler
+class MeetingSampler(SyntheticSampler):
+    """Draws nothing before samplers of all devices are as far: however late a busy machine starts a process.
+
+    Args:
+        config: of the data set.
+        device: of this sampler.
+        folder: where samplers leave word, one file a device.
+        devices: all of them.
+    """
+
+    def __init__(self, config, device, folder, devices):
+        super().__init__(config)
+        self.own = Path(folder, device)
+        self.others = [Path(folder, name) for name in devices]
+
+    def meet(self):
+        self.own.touch()
+        end = time.monotonic() + 120
+        while not all(path.exists() for path in self.others):
+            if time.monotonic() > end:
+                raise TimeoutError(f"{self.own.name} alone for 120 s")
+            time.sleep(0.01)
+
+    def draw(self, ids):
+        self.meet()
+        return super().draw(ids)
+
+
+class DifferingSampler(MeetingSampler):
+    """Announces other fields on every device but the first; the first keeps drawing until it is ended."""
+
+    def __init__(self, config, device, folder, devices):
+        super().__init__(config, device, folder, devices)
+        if device != devices[0]:
+            self.fields = FIELDS[:1]
+            self.own.touch()
+
+    def draw(self, ids):
+        self.meet()
+        time.sleep(120)
+        return super().draw(ids)
 
 
 def factory(**options):
     return functools.partial(make_sampler, **options)
+
+
+def meeting_factory(kind, folder, devices):
+    return functools.partial(kind, folder=str(folder), devices=devices)
 
 
 def make_config(n_samples=40, samples_per_shard=4, seed=1, **options):

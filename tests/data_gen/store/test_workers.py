@@ -6,17 +6,19 @@ from pathlib import Path
 
 import pytest
 from store_synthetic import (
+    DifferingSampler,
+    MeetingSampler,
     dying_factory,
     factory,
-    factory_of_differing_fields,
     failing_factory,
     make_config,
+    meeting_factory,
     shard_bytes,
     temporaries,
 )
 
 from data_gen.store import build, verify
-from data_gen.store.supervise import WorkerError
+from data_gen.store.supervise import Supervisor, WorkerError
 from warp_caustics.errors import DamagedDataError, InputError, MismatchError, ResourceError
 
 ENDS = {
@@ -87,23 +89,47 @@ def test_factory_that_fails_or_dies(folder):
     assert len(notices) == 2 and children() == []
 
 
+@pytest.mark.parametrize("deaths", [1, 3])
+def test_worker_that_dies_with_shards_of_which_it_began_none(folder, reference, monkeypatch, deaths):
+    """No shard can be blamed: it is told all the same, and not tried for ever."""
+    send, killed = Supervisor._send, []
+
+    def send_to_the_dead(self, worker, task):
+        if len(killed) < deaths and worker.process.pid not in killed:
+            killed.append(worker.process.pid)
+            worker.process.kill()
+            worker.process.join()
+        send(self, worker, task)
+
+    monkeypatch.setattr(Supervisor, "_send", send_to_the_dead)
+    notices = []
+    if deaths == 1:
+        build(folder, make_config(), factory(), workers=1, notice=notices.append)
+        assert shard_bytes(folder) == shard_bytes(reference)
+    else:
+        with pytest.raises(ResourceError, match="3 workers died while starting, the last one died of SIGKILL"):
+            build(folder, make_config(), factory(), workers=1, notice=notices.append)
+    assert len(notices) == min(deaths, 2)
+    assert all("died of SIGKILL while starting; started again" in text for text in notices)
+
+
 def test_factory_that_cannot_be_sent_is_refused_at_once(folder):
     with pytest.raises(InputError, match="cannot be sent to workers"):
         build(folder, make_config(), lambda config, device: None, workers=1)
 
 
-def test_each_device_has_a_process(folder):
-    build(folder, make_config(), factory(pause_s=0.01), workers=1, devices=("cpu:0", "cpu:1"))
+DEVICES = ("cpu:0", "cpu:1")
+
+
+def test_each_device_has_a_process(folder, tmp_path):
+    build(folder, make_config(), meeting_factory(MeetingSampler, tmp_path, DEVICES), workers=1, devices=DEVICES)
     manifests = [path.read_text() for path in folder.glob("shards/*.json")]
-    assert {device for device in ("cpu:0", "cpu:1") if any(f'"device":"{device}"' in text for text in manifests)} == {
-        "cpu:0",
-        "cpu:1",
-    }
+    assert {device for device in DEVICES if any(f'"device":"{device}"' in text for text in manifests)} == set(DEVICES)
 
 
-def test_workers_that_announce_different_fields_are_refused(folder):
+def test_workers_that_announce_different_fields_are_refused(folder, tmp_path):
     with pytest.raises(MismatchError, match="announce different fields"):
-        build(folder, make_config(), factory_of_differing_fields, workers=2, devices=("cpu:0", "cpu:1"))
+        build(folder, make_config(), meeting_factory(DifferingSampler, tmp_path, DEVICES), workers=2, devices=DEVICES)
 
 
 def test_killed_between_two_writes_of_a_worker(folder, reference):
