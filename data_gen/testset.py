@@ -98,7 +98,7 @@ def field_images(
     count = field_count(which, fields)
     config = fields_config(scene, which)
     fingerprint = fields_config(which=which).sample_fingerprint()
-    simulator = CausticSimulator(config.scene, device=device, **photons.model_dump())
+    simulator = CausticSimulator(config.scene, device=device, **photons.record())
     heights = torch.from_numpy(field_heights(scene, device, which)).to(simulator.device)
     flat = np.array(config.scene.radiosity_W_m2)[:, None, None]
     images = []

@@ -17,7 +17,7 @@ def flat_plate(placement, seed):
     scene = Scene(height_samples=16, image_pixels=64)
     per_pixel = TEST_PHOTONS.n_photons / Scene().image_pixels ** 2
     few = TEST_PHOTONS.model_copy(update={"n_photons": int(per_pixel * 64**2), **placement})
-    image = CausticSimulator(scene, seed=seed, **few.model_dump())(torch.zeros(16, 16)).numpy()
+    image = CausticSimulator(scene, seed=seed, **few.record())(torch.zeros(16, 16)).numpy()
     return image[:, 4:-4, 4:-4]
 
 

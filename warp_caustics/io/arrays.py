@@ -13,6 +13,7 @@ import numpy as np
 from warp_caustics.errors import CausticsError, DamagedDataError, InputError, ResourceError, is_out_of_memory
 from warp_caustics.io.atomic import reason
 from warp_caustics.io.decoded import Decoded
+from warp_caustics.io.hdf5_file import new_hdf5
 from warp_caustics.io.image_file import MAX_CHANNELS, Array
 from warp_caustics.io.image_output import Output
 from warp_caustics.io.regular import open_regular
@@ -156,10 +157,8 @@ def write_npz(path: Path, image: Output) -> None:
 
 def write_hdf5(path: Path, image: Output) -> None:
     """Write the dataset ``image`` with its description as attributes."""
-    import h5py
-
     # gzip carries a checksum of the values, so damage is found on reading.
-    with h5py.File(path, "w") as file:
+    with new_hdf5(path) as file:
         data = file.create_dataset("image", data=image.array, compression="gzip", shuffle=True)
         for key, value in json.loads(image.description()).items():
             data.attrs[key] = value

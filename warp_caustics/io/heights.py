@@ -17,6 +17,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.io.arrays import read_array
 from warp_caustics.io.atomic import PathLike, atomic_path, regular_file
 from warp_caustics.io.decoded import Decoded
+from warp_caustics.io.hdf5_file import new_hdf5
 from warp_caustics.io.image_file import MAX_PIXELS, MAX_VALUES, Array, FitsCheck
 from warp_caustics.io.image_format import sniff_format
 from warp_caustics.io.solid import is_solid
@@ -142,10 +143,8 @@ def _write_tiff(path: Path, heights: npt.NDArray[np.float64]) -> None:
 
 
 def _write_hdf5(path: Path, heights: npt.NDArray[np.float64]) -> None:
-    import h5py
-
     # gzip carries a checksum of the values, so damage is found on reading.
-    with h5py.File(path, "w") as file:
+    with new_hdf5(path) as file:
         data = file.create_dataset(_KEY, data=heights, compression="gzip", shuffle=True)
         data.attrs["units"] = "m"
 
