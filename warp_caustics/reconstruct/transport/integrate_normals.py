@@ -13,7 +13,9 @@ import math
 
 import numpy as np
 import scipy  # loads its parts when they are first used
+import torch
 
+from warp_caustics.one_thread import one_thread
 from warp_caustics.types import FloatArray
 
 FEW_MODES, LEVEL_MODES = 4, 10
@@ -115,25 +117,32 @@ def _fitted_bend(
     modes = min(modes, n)
     index = np.arange(0, n, max(1, n // LEVEL_SAMPLES))
     cosines = np.cos(np.arange(modes)[:, None] * (math.pi / n) * (np.arange(n) + 0.5))
-    few = cosines[:, index]
-    basis = np.einsum("ai,bj->ijab", few, few).reshape(-1, modes**2)
-    values = heights[np.ix_(index, index)].ravel()
+    few = torch.from_numpy(cosines[:, index])
+    # Modes are products of cosines along y and x, and products of two modes of such products: samples are summed
+    # axis by axis, a fortieth of the work of a matrix with a column for each mode.
+    pairs = (few[:, None] * few[None]).flatten(0, 1)
+    values = torch.from_numpy(heights[np.ix_(index, index)].astype(np.float64))
     wave_x, wave_y = (_wave_numbers(modes, length) for length in plate_size_m)
     squared = wave_x[None, :] ** 2 + wave_y[:, None] ** 2
     # The mean is free; RMS of a mode is half its amplitude.
     per_height = strength_m * squared / 2
     stiffness = (per_height / max(light_error, 1e-12)).ravel() ** 2
-    bend = np.full_like(values, np.quantile(values, 0.1))
-    width = max(float(values.std()), BARE_WIDTH_M)
-    for _ in range(LEVEL_STEPS):
-        # Weights of rho(r) = r^2 / (1 + r^2) (Geman and McClure 1987) for what is above; what is below counts in full.
-        above = np.maximum(values - bend, 0.0) / width
-        weight = 1 / ((1 + above**2) * width) ** 2 / CORRELATED_SAMPLES
-        normal = (basis * weight[:, None]).T @ basis + np.diag(stiffness)
-        normal[0, 0] += 1e-12 / BARE_WIDTH_M**2
-        amplitudes = np.linalg.solve(normal, basis.T @ (weight * values))
-        bend = basis @ amplitudes
-        width = max(BARE_WIDTH_M, 0.75 * width)
-    spectrum = amplitudes.reshape(modes, modes)
+    bend = torch.full_like(values, float(np.quantile(values, 0.1)))
+    width = max(float(values.std(correction=0)), BARE_WIDTH_M)
+    held = torch.diag(torch.from_numpy(stiffness))
+    held[0, 0] += 1e-12 / BARE_WIDTH_M**2
+    with one_thread():
+        for _ in range(LEVEL_STEPS):
+            # Weights of rho(r) = r^2 / (1 + r^2) (Geman and McClure 1987) for what is above; what is below counts in
+            # full.
+            above = (values - bend).clamp_min(0.0) / width
+            weight = 1 / ((1 + above**2) * width) ** 2 / CORRELATED_SAMPLES
+            products = (pairs @ weight @ pairs.T).reshape(modes, modes, modes, modes)
+            normal = products.transpose(1, 2).reshape(modes**2, modes**2) + held
+            right = few @ (weight * values) @ few.T
+            amplitudes = torch.linalg.solve(normal, right.flatten()).reshape(modes, modes)
+            bend = few.T @ amplitudes @ few
+            width = max(BARE_WIDTH_M, 0.75 * width)
+    spectrum: FloatArray = amplitudes.numpy()
     surface: FloatArray = cosines.T @ spectrum @ cosines
     return surface, spectrum * per_height

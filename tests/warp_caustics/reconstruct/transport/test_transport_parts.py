@@ -134,6 +134,24 @@ def test_a_wide_relief_does_not_bend_its_plate():
     assert np.abs(found).max() < 3e-6
 
 
+def test_a_bend_is_found_by_one_thread(monkeypatch):
+    """Its sixty systems are small: where others work, two threads wait for each other most of the time."""
+    threads, solve = set(), torch.linalg.solve
+
+    def counted(*arguments):
+        threads.add(torch.get_num_threads())
+        return solve(*arguments)
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        monkeypatch.setattr(torch.linalg, "solve", counted)
+        plate_bend(np.random.default_rng(1).uniform(0, 1e-4, (32, 32)), (0.05, 0.05), 0.95e-3)
+        assert threads == {1} and torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 SMALL = Scene(height_samples=16, image_pixels=32)
 
 
