@@ -22,6 +22,7 @@ from data_gen.dataset_config import DatasetConfig, PhotonConfig
 from data_gen.making import Making
 from data_gen.variety import PrintVariety
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
+from warp_caustics.determinism import is_deterministic, make_deterministic
 from warp_caustics.errors import InputError, known_names, shortened
 from warp_caustics.io.atomic import regular_file
 from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
@@ -56,6 +57,8 @@ class SimulationConfig(Strict):
     """Shape of a photon's footprint."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Selects the set of random photons; no effect on a lattice."""
+    deterministic: bool = False
+    """Results on a GPU are the same to the last bit every time; of all commands, as --deterministic."""
 
 
 class ReconstructionConfig(Strict):
@@ -78,6 +81,8 @@ class PhotonWish(Strict):
     """s: scales the photon footprint."""
     placement: Placement | None = None
     """Where photons start."""
+    traced: Annotated[int, Field(ge=2, le=10**9)] | None = None
+    """Paths traced in place of n_l random ones, with the same mean and noise; None traces all."""
 
 
 class DataConfig(Strict):
@@ -127,11 +132,10 @@ class Config(Strict):
     def fingerprint(self) -> str:
         """Hash that changes with any value, and with nothing else."""
         tree = self.model_dump(mode="json") | {"scene": self.scene.record()}
-        # Configurations from before prints could be made otherwise, and benches drawn, keep their hash.
-        if tree["reliefs"]["making"] is None:
-            del tree["reliefs"]["making"]
-        if tree["data"]["bench"] is None:
-            del tree["data"]["bench"]
+        # Configurations from before these were there keep their hash where they are off.
+        for section, key in (("reliefs", "making"), ("data", "bench"), ("simulation", "deterministic")):
+            if not tree[section][key]:
+                del tree[section][key]
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
@@ -166,7 +170,7 @@ def load_config(
     also: Sequence[Path] = (),
     bench: str | None = None,
 ) -> Config:
-    """The configuration of one run; later sources win.
+    """The configuration of one run; later sources win. Where it asks for results that repeat, the process does them.
 
     Args:
         source: file, or name of a shipped configuration; defaults only if None.
@@ -179,17 +183,18 @@ def load_config(
         InputError: unreadable, unknown keys, or values out of range.
     """
     tree: dict[str, Any] = Config().model_dump(mode="json")
-    sources: list[tuple[str, dict[str, Any]]] = []
-    for path in [*([] if source is None else [config_path(source)]), *also]:
-        sources.append((str(path), read_yaml(path)))
+    sources = [(str(path), read_yaml(path)) for path in [*([] if source is None else [config_path(source)]), *also]]
     if bench is not None:
         from warp_caustics.calibration.bench_file import read_bench
 
         sources.append((bench, {"scene": read_bench(bench).scene}))
     for name, written in sources:
         tree = merged(tree, written, f"{name}: ")
-    tree = with_settings(tree, settings, overrides or {}, sources)
-    return validated(Config, tree, spelled_in(sources, overrides))
+    asked = {"simulation.deterministic": is_deterministic() or None}
+    tree = with_settings(tree, settings, {**(overrides or {}), **asked}, sources)
+    config = validated(Config, tree, spelled_in(sources, overrides))
+    make_deterministic(config.simulation.deterministic)
+    return config
 
 
 def with_settings(

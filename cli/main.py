@@ -22,6 +22,11 @@ from warp_caustics.signals import Restore, answered
 # where others work, or threads are more than cores, each small operation takes as long as the system lets others run.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+# NumPy's BLAS has threads of its own, which keep trying while they wait. All that is large here is done by torch and
+# Warp; of what is left to NumPy, 100 x 4096 times 4096 x 100 numbers take one thread 2 ms, and two threads, where
+# others work, 130 ms and more.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",
     "inspect": "cli.inspect:inspect",

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import rich_click as click
 
+from warp_caustics.determinism import make_deterministic
 from warp_caustics.units import length_m
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -132,9 +133,15 @@ def bench_option(command: Command) -> Command:
 
 
 def device_option(command: Command) -> Command:
-    """Adds --device."""
+    """Adds --device, and --deterministic, of which a command learns nothing: it holds for the whole process."""
+    text = "Results on a GPU are the same to the last bit every time, at a price; on a CPU they always are."
+    command = click.option("--deterministic", is_flag=True, expose_value=False, callback=_repeat, help=text)(command)
     text = "cpu, cuda or cuda:N; auto takes cuda where there is one."
     return click.option("--device", default="auto", show_default=True, help=text)(command)
+
+
+def _repeat(_context: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
+    make_deterministic(is_wanted)
 
 
 def seed_option(command: Command) -> Command:

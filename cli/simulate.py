@@ -96,7 +96,8 @@ def simulate(
     from warp_caustics.energy import check_reaches, energy_budget
     from warp_caustics.simulator import CausticSimulator
 
-    simulator = CausticSimulator(config.scene, device=start_device(device), **config.simulation.model_dump())
+    photons = config.simulation.model_dump(exclude={"deterministic"})
+    simulator = CausticSimulator(config.scene, device=start_device(device), **photons)
     on_device = torch.tensor(relief, dtype=simulator.dtype, device=simulator.device)
     start = time.perf_counter()
     on_screen = simulator(on_device)

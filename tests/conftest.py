@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import gc
 import os
+import signal
 import stat
 
 import pytest
@@ -11,8 +12,14 @@ import pytest
 from warp_caustics.scene import Scene
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # Tests run on all cores already; threads of several workers would wait for each other. Before torch is imported.
+    # Tests run on all cores already; threads of several workers would wait for each other. Before torch and NumPy are
+    # imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What a script starts beside itself ignores Ctrl-C, and Python with it; the tests send it to themselves and to children.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 KEPT_BYTES = 2**30
 """Freed memory that a process of the tests keeps. By default malloc hands arrays of more than 32 MiB back at once and

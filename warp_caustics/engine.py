@@ -21,6 +21,7 @@ import warp as wp
 from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array, warp_stream
 from warp_caustics.cuda_graph import Replays
 from warp_caustics.fused import FusedPhotons
+from warp_caustics.gathered_adjoint import gathered_adjoint
 from warp_caustics.height_field import MARGIN
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
@@ -156,6 +157,9 @@ class Engine:
     def maps_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_maps: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
         if self.plan.placement != "lattice":
+            if self.fused.is_fixed:
+                photons = self.photons(self.positions(chunk))
+                return gathered_adjoint(tuple(coefficients.shape), photons, grad_maps, self.scene.sample_pitch_m)
             grad = torch.zeros_like(coefficients)
             wp.launch(
                 self.surface.gather_surface,
@@ -350,7 +354,7 @@ class Engine:
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add))
+        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add, fused.sum_dtype))
 
     def adjoint_of(self, coefficients: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights whose :meth:`coefficients` these are; likewise."""
@@ -363,10 +367,12 @@ class Engine:
             grad_maps = fused.splat_adjoint(coefficients, self.fused_photons(chunk, coefficients), grad_image)
             grad += self.maps_adjoint(coefficients, chunk, grad_maps)
 
-        return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add))
+        return self.coefficients_adjoint(self._sum(tuple(coefficients.shape), add, self.dtype))
 
-    def _sum(self, shape: tuple[int, ...], add: Callable[[torch.Tensor, Chunk], None]) -> torch.Tensor:
-        return sum_over_chunks(self.plan, self._bytes_per_photon(shape[0]), shape, self.dtype, self.device, add)
+    def _sum(
+        self, shape: tuple[int, ...], add: Callable[[torch.Tensor, Chunk], None], dtype: torch.dtype
+    ) -> torch.Tensor:
+        return sum_over_chunks(self.plan, self._bytes_per_photon(shape[0]), shape, dtype, self.device, add)
 
 
 assert MARGIN == 2  # the gather kernel's index arithmetic relies on it

@@ -8,6 +8,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from warp_caustics.chunked import CHUNK_BYTES
+from warp_caustics.determinism import settle_gpu
 from warp_caustics.engine import Engine
 from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.photons import PhotonPlan
@@ -18,6 +19,9 @@ MAX_SMOOTHING = 1e4
 
 IMAGES_AT_ONCE = 4
 """Images that a call with its gradient holds in memory, about."""
+
+IMAGES_OF_SUMS = 2
+"""As many more where light is added in whole numbers, of 64 bits."""
 
 
 class _Simulate(torch.autograd.Function):
@@ -140,8 +144,9 @@ class CausticSimulator:
         per_image = self.scene.n_wavelengths * self.scene.image_pixels**2 * self.dtype.itemsize
         free, total = torch.cuda.mem_get_info(self.device)
         # The image, its gradient and a packed copy (four channels); a chunk of photons besides.
-        fits = max(1, int((free - CHUNK_BYTES["cuda"]) / (IMAGES_AT_ONCE * per_image)))
-        needs = IMAGES_AT_ONCE * batch * per_image
+        images = IMAGES_AT_ONCE + IMAGES_OF_SUMS * self.engine.fused.is_fixed
+        fits = max(1, int((free - CHUNK_BYTES["cuda"]) / (images * per_image)))
+        needs = images * batch * per_image
         return (
             f"a batch of {batch} height fields needs about {needs / 2**30:.1f} GiB for images, "
             f"{self.device} has {free / 2**30:.1f} of {total / 2**30:.1f} GiB free; use batches of at most {fits}"
@@ -238,6 +243,7 @@ def usable_device(device: str | torch.device) -> torch.device:
         if index >= count:
             raise ResourceError(f"device {device} is missing, {count} CUDA devices found; use --device cpu")
         found = torch.device("cuda", index)
+        settle_gpu()
     return found
 
 

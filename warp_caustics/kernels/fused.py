@@ -19,6 +19,7 @@ import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
+from warp_caustics.kernels.fixed_point import sum_type
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.general import general_functions
 from warp_caustics.kernels.native import PACK, pixel_loader
@@ -32,8 +33,8 @@ APART_SIGMAS, APART_PX = 3.0, 2.0
 
 
 @cache
-def footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
-    """``footprints``: those of a photon at ``width`` neighbouring wavelengths."""
+def footprints_function(dtype: Any, width: int, effects: Effects, is_fixed: bool = False) -> Any:
+    """``footprints``: those of a photon at ``width`` neighbouring wavelengths; with light in steps if ``is_fixed``."""
     light = (collimated_functions if effects.is_straight else general_functions)(dtype, effects)
     refraction, footprint = light.refraction, light.footprint
     bench = bench_functions(dtype, effects)
@@ -64,6 +65,8 @@ def footprints_function(dtype: Any, width: int, effects: Effects) -> Any:
             sigma_y[k] = f.sigma_y
             beta[k] = f.beta
             amplitude[k] = f.amplitude
+            if wp.static(is_fixed):
+                amplitude[k] = wp.min(f.amplitude * photons.optics.steps, photons.optics.most_steps)
             if wp.static(is_blocked):
                 if photons.clear[b, c, p] == wp.uint8(0):
                     amplitude[k] = zero
@@ -108,7 +111,14 @@ def _extent_function(dtype: Any, profile: str, width: int) -> Any:
 
 @cache
 def fused_kernels(
-    dtype: Any, profile: str, is_lattice: bool, width: int, lanes: int, defers: bool, effects: Effects = PLAIN
+    dtype: Any,
+    profile: str,
+    is_lattice: bool,
+    width: int,
+    lanes: int,
+    defers: bool,
+    effects: Effects = PLAIN,
+    is_fixed: bool = False,
 ) -> SimpleNamespace:
     """Kernels ``splat_photons`` and ``splat_deferred``.
 
@@ -120,15 +130,19 @@ def fused_kernels(
         lanes: threads that share a footprint's columns; 1 for compact ones, several for wide ones on a GPU.
         defers: wide footprints are put on a list, for the ``deferred`` kernel of a variant with many lanes.
         effects: beyond refraction.
+        is_fixed: images are whole numbers, of ``Optics.steps`` per W/m^2: the same in whatever order photons come. For
+            width 1: integers are added one by one, and a list of blocks may be full, by chance.
     """
     is_packed = width > 1
     # GPU variants have several lanes or leave wide footprints to those that have.
-    in_registers = lanes == 1 and not defers and not is_packed
-    adding = adding_functions(dtype, profile, width, lanes, is_packed, in_registers)
-    adding_alone = adding_functions(dtype, profile, 1, lanes, is_packed, in_registers)
+    in_registers = lanes == 1 and not defers and not is_packed and not is_fixed
+    adding = adding_functions(dtype, profile, width, lanes, is_packed, in_registers, is_fixed)
+    adding_alone = adding_functions(dtype, profile, 1, lanes, is_packed, in_registers, is_fixed)
+    sums = sum_type(dtype, is_fixed)
     row_window, add_rows = adding.row_window, adding.add_rows
     row_window_of, add_rows_of = adding_alone.row_window, adding_alone.add_rows
-    footprints, footprint_of = footprints_function(dtype, width, effects), footprints_function(dtype, 1, effects)
+    footprints = footprints_function(dtype, width, effects, is_fixed)
+    footprint_of = footprints_function(dtype, 1, effects, is_fixed)
     extent, put_off = _extent_function(dtype, profile, width), wide_functions(dtype, profile, is_packed).put_off
     photon_at = photon_function(dtype, is_lattice)
     Photon, Photons = photon_struct(dtype), photons_struct(dtype)
@@ -148,7 +162,7 @@ def fused_kernels(
         block: wp.int32,
         rows: wp.int32,
         lane: wp.int32,
-        image: wp.array4d[dtype],
+        image: wp.array4d[sums],
     ):
         """Add a block of so many rows of a photon's footprints to image b."""
         if wp.static(is_packed):
@@ -176,7 +190,7 @@ def fused_kernels(
         b: wp.int32,
         p: wp.int32,
         lane: wp.int32,
-        image: wp.array4d[dtype],
+        image: wp.array4d[sums],
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
     ):
@@ -201,7 +215,7 @@ def fused_kernels(
         coefficients: wp.array3d[dtype],
         photons: Photons,
         # outputs
-        image: wp.array4d[dtype],
+        image: wp.array4d[sums],
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
     ):
@@ -228,7 +242,7 @@ def fused_kernels(
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
         # outputs
-        image: wp.array4d[dtype],
+        image: wp.array4d[sums],
     ):
         """Add the footprints on the list; a group of threads shares the columns of each."""
         group, lane = wp.tid()

@@ -2,7 +2,8 @@
 
 Every photon repeats its forward pass, takes the moments of the image gradient under its footprints, and goes
 back through covariance, Jacobian and refraction. It reads the image and writes its own six numbers: no atomics, and the
-same result every time, unless several threads share a footprint.
+same result every time, unless several threads share a footprint. Then threads add to one number, in any order; with
+``in_order`` they are two, whose order does not matter, or those of a warp, which are added in a fixed one.
 
 Always wavelength by wavelength, on images [B, C, H, W]: it only reads, and is slower with all at once (speed.md).
 """
@@ -16,6 +17,7 @@ import warp as wp
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.general import general_functions
+from warp_caustics.kernels.native import lanes_adder
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import gathering_function
 from warp_caustics.kernels.surface import photon_function, photon_struct
@@ -24,7 +26,13 @@ from warp_caustics.kernels.wide import wide_functions
 
 @cache
 def fused_adjoint_kernels(
-    dtype: Any, profile: str, is_lattice: bool, lanes: int, defers: bool, effects: Effects = PLAIN
+    dtype: Any,
+    profile: str,
+    is_lattice: bool,
+    lanes: int,
+    defers: bool,
+    effects: Effects = PLAIN,
+    in_order: bool = False,
 ) -> SimpleNamespace:
     """Kernels ``splat_photons_adjoint`` and ``splat_deferred_adjoint``.
 
@@ -35,6 +43,8 @@ def fused_adjoint_kernels(
         lanes: threads that share a footprint's columns; 1 for compact ones, several for wide ones on a GPU.
         defers: wide footprints are put on a list, for the ``deferred`` kernel of a variant with many lanes.
         effects: beyond refraction.
+        in_order: the same sums every time: photons are listed with all of their wavelengths instead of footprints, so
+            that no two groups of threads add to one photon, and the ``deferred`` kernel has ``WARP_LANES`` on a GPU.
     """
     # GPU variants have several lanes or leave wide footprints to those that have.
     gather = gathering_function(dtype, profile, lanes, lanes == 1 and not defers)
@@ -49,6 +59,7 @@ def fused_adjoint_kernels(
     )
     bench = bench_functions(dtype, effects)
     optics_of, colour_of = bench.optics_of, bench.colour_of
+    add_over_lanes = lanes_adder(dtype)
     wide = wide_functions(dtype, profile, False)
     covered_pixels, put_off = wide.covered_pixels, wide.put_off
     photon_at = photon_function(dtype, is_lattice)
@@ -71,8 +82,9 @@ def fused_adjoint_kernels(
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
     ):
-        """Gradient of the surface maps [6] from one wavelength; zero if its footprint is put on the list."""
+        """Gradient of the surface maps [6] from one wavelength, and whether it is; zero if it is left to the list."""
         gradient = vec6()
+        here = True
         optics = optics_of(photons, b)
         colour = colour_of(photons, b, c)
         bent = refraction(photon, colour, optics)
@@ -81,10 +93,11 @@ def fused_adjoint_kernels(
             if photons.clear[b, c, p] == wp.uint8(0):
                 f.amplitude = zero
         if f.amplitude != zero:
-            here = True
             if wp.static(defers):
                 if covered_pixels(f.sigma_x, f.sigma_y) > photons.optics.wide_pixels:
-                    here = not put_off(item, 0, 0, lane, listed, count)
+                    here = False
+                    if wp.static(not in_order):
+                        put_off(item, 0, 0, lane, listed, count)
             if here:
                 g = gather(f, b, c, lane, grad_image)
                 if wp.static(is_straight):
@@ -93,7 +106,7 @@ def fused_adjoint_kernels(
                     gradient, _x, _y, _colour, _optics, _g = wp.grad(weighted)(
                         photon.maps, photon.x, photon.y, colour, optics, record_gradient(bent, f, g)
                     )
-        return gradient
+        return gradient, here
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -112,8 +125,17 @@ def fused_adjoint_kernels(
         channels = grad_image.shape[1]
         item = (b * photons.count + p) * channels
         gradient = vec6()
+        left = wp.int32(0)
         for c in range(channels):
-            gradient += gather_photon(photon, c, item + c, photons, b, p, lane, grad_image, listed, count)
+            if left == 0:
+                found, here = gather_photon(photon, c, item + c, photons, b, p, lane, grad_image, listed, count)
+                gradient += found
+                if wp.static(in_order):
+                    left += wp.where(here, 0, 1)
+        if wp.static(in_order):
+            if left > 0:
+                gradient = vec6()
+                put_off(b * photons.count + p, 0, 0, lane, listed, count)
         for plane in range(6):
             if wp.static(lanes == 1):
                 grad_maps[b, plane, p] = gradient[plane]
@@ -138,11 +160,20 @@ def fused_adjoint_kernels(
         for entry in range(group, count[0], groups):
             c = listed[entry, 0] % channels
             item = listed[entry, 0] // channels
+            if wp.static(in_order):
+                item = listed[entry, 0]
             b = item // photons.count
             p = item - b * photons.count
             photon = photon_at(coefficients, photons, b, p)
-            gradient = gather_photon(photon, c, 0, photons, b, p, lane, grad_image, listed, count)
-            for plane in range(6):
-                wp.atomic_add(grad_maps, b, plane, p, gradient[plane])
+            if wp.static(in_order):
+                total = vec6()
+                for channel in range(channels):
+                    found, _h = gather_photon(photon, channel, 0, photons, b, p, lane, grad_image, listed, count)
+                    total += found
+                add_over_lanes(grad_maps, b, p, total, lane)
+            else:
+                gradient, _here = gather_photon(photon, c, 0, photons, b, p, lane, grad_image, listed, count)
+                for plane in range(6):
+                    wp.atomic_add(grad_maps, b, plane, p, gradient[plane])
 
     return SimpleNamespace(splat_photons_adjoint=splat_photons_adjoint, splat_deferred_adjoint=splat_deferred_adjoint)

@@ -1,4 +1,4 @@
-"""Snippets of C++ for what Warp cannot say: rows in a CPU's vector registers, pixels of 16 bytes on a GPU.
+"""Snippets of C++ for what Warp cannot say: a CPU's vector registers, a GPU's pixels of 16 bytes and sums over threads.
 
 They repeat no physics but the quadratic B-spline of ``profiles.py``, eight edges at a time.
 """
@@ -173,3 +173,35 @@ def pixel_loader(dtype: Any) -> Any:
     def load(packed: wp.array4d[dtype], b: wp.int32, i: wp.int32, j: wp.int32) -> vector: ...
 
     return load
+
+
+WARP_LANES = 32
+"""Threads of a GPU that run together."""
+
+_ADD_OVER_LANES = """
+    {real}* place = sums.data + size_t(b) * sums.shape[1] * sums.shape[2] + p;
+    for (int k = 0; k < 6; ++k, place += sums.shape[2]) {{
+        {real} term = terms[k];
+#if defined(__CUDA_ARCH__)
+        for (int apart = 16; apart > 0; apart /= 2) term += __shfl_xor_sync(0xffffffffu, term, apart);
+        if (lane == 0) *place += term;
+#else
+        *place += term;
+#endif
+    }}
+"""
+
+
+@cache
+def lanes_adder(dtype: Any) -> Any:
+    """Adds what the ``WARP_LANES`` threads of a warp found to six sums [B, 6, N] of their own, in a fixed order.
+
+    A CPU, which runs one thread after the other, adds any number of them.
+    """
+    vec6 = wp.types.vector(length=6, dtype=dtype)
+
+    @no_type_check
+    @wp.func_native(_ADD_OVER_LANES.format(real=_REAL[dtype]))
+    def add(sums: wp.array3d[dtype], b: wp.int32, p: wp.int32, terms: vec6, lane: wp.int32): ...
+
+    return add

@@ -38,6 +38,8 @@ def optics_struct(dtype: Any) -> Any:
         light_z: dtype
         light_distance: dtype  # light to nominal top [m]
         cos_cone: dtype
+        steps: dtype  # of fixed-point sums per W/m^2, see fixed_point.py
+        most_steps: dtype  # that one path may carry
 
     return specialised(Optics, dtype)
 

@@ -22,6 +22,7 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.fixed_point import counting_function, sum_type
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.gaussian_pixels import gaussian_functions
 from warp_caustics.kernels.native import cpu_row_functions, pixel_adder
@@ -58,7 +59,7 @@ def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
 
 @cache
 def adding_functions(
-    dtype: Any, profile: str, width: int, lanes: int, is_packed: bool, in_registers: bool
+    dtype: Any, profile: str, width: int, lanes: int, is_packed: bool, in_registers: bool, is_fixed: bool = False
 ) -> SimpleNamespace:
     """``row_window`` and ``add_rows``: the footprints of ``width`` wavelengths to pixels.
 
@@ -69,6 +70,7 @@ def adding_functions(
         lanes: threads that share the columns of a row, and the rows (:func:`lanes_apart`).
         is_packed: images are [B, H, W, PACK], all wavelengths side by side, instead of [B, C, H, W].
         in_registers: rows go through a CPU's vector registers; for one wavelength and one lane.
+        is_fixed: images are whole numbers, for sums in any order; not in registers, not packed.
     """
     if in_registers and profile == "gaussian":
         return _adding_gaussians(dtype)
@@ -76,6 +78,7 @@ def adding_functions(
     first_pixel, last_pixel = window_functions(dtype, profile)
     add_row, _ = cpu_row_functions(dtype)
     add_pixel = pixel_adder(dtype, width)
+    counted, sums = counting_function(dtype, is_fixed), sum_type(dtype, is_fixed)
     Footprints = footprint_struct(dtype, width)
     vector = wp.types.vector(length=width, dtype=dtype)
     half = wp.constant(dtype(0.5))
@@ -111,7 +114,7 @@ def adding_functions(
 
     @no_type_check
     @wp.func
-    def row_window(f: Footprints, image: wp.array4d[dtype]):
+    def row_window(f: Footprints, image: wp.array4d[sums]):
         """First and last row that the footprints touch."""
         size = image.shape[2]
         if wp.static(is_packed):
@@ -128,7 +131,7 @@ def adding_functions(
         b: wp.int32,
         channel: wp.int32,
         lane: wp.int32,
-        image: wp.array4d[dtype],
+        image: wp.array4d[sums],
     ):
         """Add some rows of the footprints to image b; a single wavelength goes to its channel."""
         size = image.shape[3]
@@ -166,9 +169,9 @@ def adding_functions(
                     if wp.static(width > 1):
                         add_pixel(image, b, i, j, light)
                     elif wp.static(is_packed):
-                        wp.atomic_add(image, b, i, j, channel, light[0])
+                        wp.atomic_add(image, b, i, j, channel, counted(light[0]))
                     else:
-                        wp.atomic_add(image, b, channel, i, j, light[0])
+                        wp.atomic_add(image, b, channel, i, j, counted(light[0]))
 
     return SimpleNamespace(row_window=row_window, add_rows=add_rows)
 

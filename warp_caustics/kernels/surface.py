@@ -56,18 +56,23 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
 
     @no_type_check
     @wp.func
+    def cell_at(x: dtype, y: dtype, photons: Photons):
+        """Column and row of the cell between samples that (x, y) [m] is in, and the place in it [samples]."""
+        n = photons.samples
+        u = x * photons.samples_per_m_x + half * dtype(n) - half
+        v = y * photons.samples_per_m_y + half * dtype(n) - half
+        column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
+        row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
+        return column, row, u - dtype(column), v - dtype(row)
+
+    @no_type_check
+    @wp.func
     def surface_at(coefficients: wp.array3d[dtype], b: wp.int32, x: dtype, y: dtype, photons: Photons):
         """Height, slopes and second derivatives (MAP_NAMES) at (x, y) [m] from coefficients [B, n + 4, n + 4]."""
         samples_per_m_x = photons.samples_per_m_x
         samples_per_m_y = photons.samples_per_m_y
-        n = photons.samples
-        # --- sample coordinates [samples], cell and place in it, and the weights of its four neighbours per axis
-        u = x * samples_per_m_x + half * dtype(n) - half
-        v = y * samples_per_m_y + half * dtype(n) - half
-        column = wp.clamp(wp.int32(wp.floor(u)), -1, n - 1)
-        row = wp.clamp(wp.int32(wp.floor(v)), -1, n - 1)
-        tx = u - dtype(column)
-        ty = v - dtype(row)
+        # --- place, and the weights of its four neighbours per axis
+        column, row, tx, ty = cell_at(x, y, photons)
         wx = spline_weights(tx)
         wy = spline_weights(ty)
         sx = spline_slopes(tx)
@@ -107,6 +112,7 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
         )
 
     return SimpleNamespace(
+        cell_at=cell_at,
         surface_at=surface_at,
         spline_weights=spline_weights,
         spline_slopes=spline_slopes,
