@@ -47,6 +47,7 @@ from nets.reconstruct.network_io import network_result
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
+from nets.reconstruct.with_doubt import with_doubt
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.inspection.nominal import Nominal
@@ -389,4 +390,4 @@ class _Run:
         if self.options.bench_uncertainty:
             counted = () if self.on_bench is None else self.on_bench.numbers.names
             reconstruction = with_bench(reconstruction, self.method.numbers, counted)
-        return FromNominalResult(reconstruction, self.lines.fitted)
+        return FromNominalResult(with_doubt(reconstruction, self.method.numbers), self.lines.fitted)

@@ -34,6 +34,7 @@ from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_toge
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
 ROUNDS = 6
@@ -73,6 +74,9 @@ class BenchMethod(Protocol):
         self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
     ) -> Reconstruction:
         """Heights refined on this bench, with their record."""
+
+    def simulator_of(self, found: Reconstruction) -> CausticSimulator:
+        """Of this bench, with the losses of light that were found."""
 
 
 class BenchSearch:
@@ -137,6 +141,14 @@ class BenchSearch:
             warnings=(*kept.warnings, *record.warnings()),
         )
 
+    def on_found(self, image: CausticImage, kept: Reconstruction) -> CausticImage:
+        """The image as the bench shows it that was found for a result, and kept; as for a call."""
+        return self._as_on(image, self._of_record(kept), _exposure(kept))
+
+    def simulator_of(self, kept: Reconstruction) -> CausticSimulator:
+        """Of that bench, with the losses of light that were found there."""
+        return self._on(self._of_record(kept)).simulator_of(kept)
+
     def looks_other(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> bool:
         """Whether the image shows at a glance, by one step, that the bench is not as it is told; as for a call."""
         try:
@@ -153,6 +165,11 @@ class BenchSearch:
         scene = self.method.scene
         ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
         return self._as_on(image, self._before, ratio)
+
+    def _of_record(self, kept: Reconstruction) -> dict[str, float]:
+        """Values of a result's bench."""
+        numbers = kept.counters["bench"]["numbers"]
+        return {number["name"]: number["found"] for number in numbers if number["name"] in self._before}
 
     @property
     def _before(self) -> dict[str, float]:

@@ -19,6 +19,7 @@ from nets.reconstruct.refinement import Refined, Refinement, RefinementOptions, 
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
+from nets.reconstruct.with_doubt import with_doubt
 from nets.shipped import FoundNetwork, find_network, told_network
 from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -174,19 +175,22 @@ class Direct(Reconstructor):
             except KeyboardInterrupt:
                 found = dataclasses.replace(found, stop_reason="interrupted")
         if self.options.causes and found.stop_reason != "interrupted":
-            found = with_causes(found, seen, self._simulator_of(found), self.numbers, answer)
+            if found.counters.get("bench", {}).get("is_kept"):
+                found = with_causes(found, search.on_found(image, found), search.simulator_of(found), None)
+            else:
+                found = with_causes(found, seen, self.simulator_of(found), self.numbers, answer)
             if not has_folds(image, self.scene):
                 found = dataclasses.replace(found, warnings=(*found.warnings, NO_FOLDS))
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
-        return self.asked[0].grid.result(found)
+        return self.asked[0].grid.result(with_doubt(found, self.numbers))
 
     def _has_time(self, elapsed_s: float) -> bool:
         """Whether another bench can be looked for within the time that is left."""
         limit_s = self.options.max_time_s
         return limit_s is None or (1 + SEARCH_TIMES) * elapsed_s < limit_s
 
-    def _simulator_of(self, found: Reconstruction) -> CausticSimulator:
+    def simulator_of(self, found: Reconstruction) -> CausticSimulator:
         """With the losses of light that were found."""
         scene = self.scene.model_copy(update=found.counters.get("losses", {}))
         return self.simulator if scene == self.scene else CausticSimulator(scene, "lattice", device=self.device)

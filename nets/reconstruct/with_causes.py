@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import torch
 
+from nets.reconstruct.with_doubt import with_doubt
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.rest_causes import rest_causes
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -20,21 +21,21 @@ def with_causes(
     found: Reconstruction,
     image: CausticImage,
     simulator: CausticSimulator,
-    numbers: BenchNumbers,
+    numbers: BenchNumbers | None,
     answer: FloatArray | None = None,
 ) -> Reconstruction:
-    """The result with ``counters["rest"]`` and its warnings; as it is where the image's noise cannot be told.
+    """The result with ``counters["rest"]``; as it is where the image's noise cannot be told.
 
-    Nor where heights are those on another bench than was told: its numbers are in ``counters["bench"]``.
+    Nor where heights are those on another bench than the simulator's: its numbers are in ``counters["bench"]``.
 
     Args:
-        found: on the grid of the simulator's scene, as it was told.
-        image: without the stray light that was told.
-        simulator: of that scene.
-        numbers: of that scene.
+        found: on the grid of the simulator's scene.
+        image: without the stray light of that bench.
+        simulator: of the bench as it is told, or as it was found.
+        numbers: of that scene; None where it was found in the image, and is not asked again.
         answer: heights before they were refined, which have made up for less of the bench [m], shape [n, n].
     """
-    if found.counters.get("bench", {}).get("is_kept"):
+    if numbers is not None and found.counters.get("bench", {}).get("is_kept"):
         return found
     camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
     if "camera" in found.counters:
@@ -51,13 +52,9 @@ def with_causes(
     predicted2 = None
     if found.uncertainty_m is not None:
         predicted2 = seen.predicted2(found.heights_m, found.uncertainty_m, found_at)
-    clear = BenchNumbers.of(numbers.scene, numbers.told_widths)
+    clear = None if numbers is None else BenchNumbers.of(numbers.scene, numbers.told_widths)
     causes = rest_causes(rest, found.heights_m, clear, camera, simulator.device, predicted2, answer)
-    return dataclasses.replace(
-        found,
-        counters=found.counters | {"rest": causes.record},
-        warnings=(*found.warnings, *causes.warnings()),
-    )
+    return dataclasses.replace(found, counters=found.counters | {"rest": causes.record})
 
 
 def explained(found: Reconstruction, image: CausticImage, scene: Scene, device: str | torch.device) -> Reconstruction:
@@ -74,4 +71,5 @@ def explained(found: Reconstruction, image: CausticImage, scene: Scene, device: 
     if found.heights_m.shape != (scene.height_samples, scene.height_samples):
         return found
     simulator = CausticSimulator(scene, "lattice", device=usable_device(device))
-    return with_causes(found, check_image(image, scene), simulator, BenchNumbers.of(scene))
+    numbers = BenchNumbers.of(scene)
+    return with_doubt(with_causes(found, check_image(image, scene), simulator, numbers), numbers)

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trusted import OF_BENCH, OF_HEIGHTS, constants, is_wrong, plates, summary
-from warp_caustics.found_bench.rest_causes import Cause, RestCauses
+from benchmarks.trusted import constants, is_wrong, plates, summary
 
 
 def row(name, rmse, sigma, flagged, causes=()):
@@ -33,13 +32,6 @@ def test_the_summary_counts_wrong_and_good_ones_apart():
     assert any("0.60/0.90" in line for line in lines)
 
 
-def test_its_words_are_those_of_the_warnings():
-    rest = {"beyond_noise": 0.05, "even": 0.0, "bright": 0.04, "between": 0.03, "coarse": 0.0}
-    (of_bench,) = RestCauses(rest, (Cause("screen_x_m", "moved", 1e-4, 1e-5, is_bench=True),)).warnings()
-    (of_heights,) = RestCauses(rest, (), 9.0).warnings()
-    assert OF_BENCH in of_bench and OF_HEIGHTS in of_heights
-
-
 STORED = json.loads(Path("benchmarks/trusted.json").read_text())
 
 
@@ -59,6 +51,29 @@ def test_benches_told_nearly_are_covered_on_relief(network):
     rows = [row for row in STORED["rows"] if row["row"] in ("nothing", "careful") and row["network"] == network]
     covered = np.mean([row["within_relief"] for row in rows], axis=0)
     assert len(rows) >= 2 and 0.6 < covered[0] < 0.95 and covered[1] > 0.9, covered
+
+
+def test_the_page_says_what_the_detector_is_worth():
+    """Of results that are wrong and of good ones, and how many are flagged; the rows of its table."""
+    rows, text = STORED["rows"], Path("docs/trust.md").read_text().split("## What that is worth")[1]
+    said = re.search(
+        r"(\d+) results, (\d+) are wrong, (\d+) of them flagged; of the (\d+) others (\d+)", " ".join(text.split())
+    )
+    wrong, good = ([row for row in rows if is_wrong(row) == is_so] for is_so in (True, False))
+    flagged = [sum(row["is_flagged"] for row in each) for each in (wrong, good)]
+    assert [int(number) for number in said.groups()] == [len(rows), len(wrong), flagged[0], len(good), flagged[1]]
+    table = [[cell.strip() for cell in line.split("|")] for line in text.splitlines() if line.startswith("| `")]
+    assert {cells[1].strip("`") for cells in table} == {row["row"] for row in rows}
+    for _, name, plates_of, errors, _, within, kept, worse, found, *_ in table:
+        own = [row for row in rows if row["row"] == name.strip("`")]
+        assert [int(plates_of), int(worse), int(found)] == [
+            len(own), sum(map(is_wrong, own)), sum(row["is_flagged"] for row in own)
+        ]  # fmt: skip
+        assert int(kept) == sum(bool(row["is_kept"]) for row in own)
+        means = [np.mean([row[key] for row in own]) for key in ("rmse_um", "uncertainty_um")]
+        assert [float(value) for value in errors.split(", ")] == [pytest.approx(mean, abs=0.501) for mean in means]
+        covered = 100 * np.mean([row["within_relief"] for row in own], axis=0)
+        assert [float(value) for value in re.findall(r"\d+", within)] == pytest.approx(covered, abs=0.501)
 
 
 @pytest.mark.slow

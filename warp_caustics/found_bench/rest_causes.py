@@ -43,8 +43,6 @@ LEAST_BEYOND = 0.02
 """Of the noise's chi^2, below which there is nothing left to explain."""
 BRIGHTNESS = 0.05
 """Prior width of each channel's brightness, which is estimated along and never named."""
-MOST_RATIO = 1.5
-"""Of what is left to what the uncertainty would leave, up to which nothing is said: docs/trust.md has what it tells."""
 LARGEST_RATIO = 1000.0
 """That is told: heights that claim to be exact have no larger one."""
 BORDER = 1 / 128
@@ -138,27 +136,11 @@ class RestCauses:
         causes = [asdict(cause) for cause in self.causes]
         return {**self.rest, "ratio": self.ratio, "line": self.line, "causes": causes}
 
-    def warnings(self) -> list[str]:
-        """What the user should know: heights are wrong, or may be by more than their uncertainty says."""
-        told = []
-        wrong = [cause.words for cause in self.causes if cause.is_bench]
-        if wrong:
-            told.append(
-                "the image looks as of a bench other than told, and heights have made up for some of it: "
-                f"{'; '.join(wrong)}; measure it, or take --set-up estimate"
-            )
-        if self.ratio is not None and self.ratio > MOST_RATIO:
-            told.append(
-                f"{self.ratio:.2g} times as much is left of the image as heights would leave that are as uncertain as "
-                "is said: they may be wrong by more"
-            )
-        return told
-
 
 def rest_causes(
     rest: Rest,
     heights: FloatArray,
-    numbers: BenchNumbers,
+    numbers: BenchNumbers | None,
     camera: ChannelCamera,
     device: torch.device,
     predicted2: float | None = None,
@@ -169,7 +151,8 @@ def rest_causes(
     Args:
         rest: at the pixels where heights were found.
         heights: of the result [m], shape [n, n].
-        numbers: of the bench as it is told; without stray light, which the image no longer has.
+        numbers: of the bench as it is told; without stray light, which the image no longer has. None: of a bench that
+            was found in the image, and is not asked again.
         camera: in the model.
         device: where to simulate.
         predicted2: sum of squares that reliefs leave which are off by the uncertainty; None for none.
@@ -180,7 +163,7 @@ def rest_causes(
     if answer is not None and np.array_equal(answer, heights):  # it was not refined, and would say the same again
         answer = None
     for asked in (answer, heights):
-        if asked is not None and not any(cause.is_bench for cause in bench):
+        if numbers is not None and asked is not None and not any(cause.is_bench for cause in bench):
             found = tuple(_bench_causes(rest, asked, numbers, camera, device))
             bench = found if found or not bench else bench
     others = sorted((*_camera_causes(rest), *_dirt(rest)), key=lambda cause: -(cause.share or 0.0))

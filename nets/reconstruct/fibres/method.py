@@ -20,6 +20,7 @@ from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
+from nets.reconstruct.with_doubt import with_doubt
 from warp_caustics.reconstruct.base import (
     CausticImage,
     ProgressCallback,
@@ -104,7 +105,7 @@ class Fibres(Reconstructor):
             found = with_causes(found, image, self.network.simulator, self.network.numbers)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.network.numbers, () if run.covariance is None else run.numbers.names)
-        return self.network.asked[0].grid.result(found)
+        return self.network.asked[0].grid.result(with_doubt(found, self.network.numbers))
 
     @cached_property
     def _direct(self) -> Direct:

@@ -86,6 +86,11 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     assert result.counters["bench"]["is_kept"]
     assert result.residual < told.residual
     assert any("another bench than was told" in line and name in line for line in result.warnings)
+    # What is left is asked on the bench that was found, and that bench is no doubt; the told one is, having no part in u.
+    left, before = result.counters["rest"], told.counters["rest"]
+    assert left["beyond_noise"] < 0.5 * before["beyond_noise"] and not any(c["is_bench"] for c in left["causes"])
+    assert not result.counters["doubt"]["is_doubtful"]
+    assert told.counters["doubt"]["is_doubtful"] == (name != AMBIENT)
     # The caustic that is shown has what the image has, stray light and all.
     off = np.linalg.norm(result.image - image.irradiance) / np.linalg.norm(image.irradiance)
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)

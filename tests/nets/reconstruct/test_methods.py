@@ -131,7 +131,7 @@ def test_the_rest_of_the_image_is_asked_of_every_method(made, image):
 
 
 def test_a_bench_that_looks_like_another_widens_the_uncertainty(made, image, monkeypatch):
-    """By twice what the image says, for heights keep half of it; and a warning names it."""
+    """By twice what the image says, for heights keep half of it: it is told, and warned of only where it is in no part."""
     plain = made("direct", is_random=True, refine=False).reconstruct(image)
     lamp = Cause("vergence_per_m", "a lamp", 0.5, 0.1, is_bench=True)
     monkeypatch.setattr(rest_causes, "_bench_causes", lambda *arguments: iter([lamp]))
@@ -139,7 +139,10 @@ def test_a_bench_that_looks_like_another_widens_the_uncertainty(made, image, mon
     sigma = wide.counters["uncertainty"]["numbers"]["vergence_per_m"]["sigma"]
     assert sigma == pytest.approx(np.sqrt(0.02**2 + 1.0**2 + 0.1**2))
     assert wide.uncertainty_m.mean() > plain.uncertainty_m.mean()
-    assert any("a lamp: 0.5 +- 0.1" in line for line in wide.warnings)
+    assert "a lamp: 0.5 +- 0.1" in wide.counters["rest"]["line"]
+    assert not any("a lamp: 0.5 +- 0.1" in line for line in wide.warnings)
+    bare = made("direct", is_random=True, refine=False, bench_uncertainty=False).reconstruct(image)
+    assert any("a lamp: 0.5 +- 0.1" in line for line in bare.warnings) and bare.counters["doubt"]["is_doubtful"]
     exact = made("direct", is_random=True, refine=False, priors={"vergence_per_m": 0.0}).reconstruct(image)
     assert exact.counters["uncertainty"]["numbers"]["vergence_per_m"]["sigma"] == pytest.approx(
         np.sqrt(1.0**2 + 0.1**2)
