@@ -65,6 +65,8 @@ PLACES = (
     Place("benchmarks/bench.json", '"weights"', {**DIRECT, **FAMILY}, "make bench-lab"),
     Place("benchmarks/release.json", '"cells"', {**DIRECT, **FAMILY, **ABLATIONS}, RELEASE),
     Place("benchmarks/auto_cpu.json", '"rmse_um"', {**DIRECT, **FAMILY}, "nsfc bench run --suite ideal --methods auto"),
+    Place("benchmarks/conditioning.json", '"weights"', DIRECT, "python -m benchmarks.conditioning --device cuda"),
+    Place("docs/training.md", "### Ways to be told", DIRECT, "python -m benchmarks.conditioning --device cuda"),
     # Pages.
     Place("README.md", "## What it reaches", {**DIRECT, **NSFC}, "benchmarks/robustness_h200.json, learned_h200.json"),
     Place("docs/start.md", "## Read the result", DIRECT, "make demo"),

@@ -81,7 +81,7 @@ class Fields:
         # Towards which a field's channels move, then towards which its light grows.
         n_w = self.scene.n_wavelengths
         self.angles = [self._rng("robustness", field).uniform(0, 2 * np.pi, n_w + 1) for field in range(count)]
-        self.photons = TEST_PHOTONS.model_copy(update={"n_photons": photons}).model_dump()
+        self.photons = TEST_PHOTONS.model_copy(update={"n_photons": photons}).record()
         self.simulator = CausticSimulator(self.scene, device=device, **self.photons)
         self._heights: dict[str, FloatArray] = {}
         self._clean: dict[tuple[str, int], ImageArray] = {}

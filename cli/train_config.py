@@ -15,6 +15,7 @@ from cli.config import (
 )
 from cli.spelled import spelled_in
 from nets.training.config import RunConfig, TrainingKind, default_run
+from warp_caustics.determinism import make_deterministic
 from warp_caustics.errors import InputError
 from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.presets import PRESETS
@@ -37,8 +38,8 @@ def new_run(
     Args:
         kind: what is trained.
         preset: name of the network's preset; the kind's first if None.
-        source: file or name of a configuration. One for the whole program gives scene, reliefs and, for denoiser
-            and updater, Tab. 2's numbers; the rest of it is for other commands.
+        source: file or name of a configuration. One for the whole program gives scene, reliefs, for denoiser and
+            updater Tab. 2's numbers, and whether results repeat; the rest of it is for other commands.
         settings: ``key.key=value``.
         overrides: dotted key to value, from other options; None is left out. A data set given here
             brings its scene and reliefs.
@@ -60,6 +61,8 @@ def new_run(
         # In the configuration of a run `data` is a folder, and null is fresh samples.
         sections = Config().model_dump(mode="json") | {"network": tree["network"]}
         refuse_null_sections({k: v for k, v in written.items() if (k, v) != ("data", None)}, sections, f"{path}: ")
+        simulation = written.get("simulation")
+        make_deterministic(isinstance(simulation, dict) and simulation.get("deterministic") is True)
         written = _of_training(written, kind)
         tree = merged(tree, written, f"{path}: ")
         sources.append((str(path), written))

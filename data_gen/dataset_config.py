@@ -34,6 +34,19 @@ class PhotonConfig(Strict):
     """s: scales the photon footprint."""
     placement: Placement | None = None
     """Where photons start: lattice, stratified, sobol or random."""
+    traced: Annotated[int, Field(ge=2, le=10**9)] | None = None
+    """Paths traced in place of n_l random ones, with the same mean and noise (``warp_caustics/thinned.py``); None
+    traces all."""
+
+    @model_validator(mode="after")
+    def _thinned_paper(self) -> "PhotonConfig":
+        if self.traced is not None and (self.preset != "paper" or self.placement not in (None, "random")):
+            raise ValueError("traced stands for random photons of the preset paper; leave it out, or take that preset")
+        return self
+
+    def record(self) -> dict[str, Any]:
+        """In plain types, without ``traced`` where all are: what was simulated before it keeps its fingerprint."""
+        return {name: value for name, value in self.model_dump().items() if name != "traced" or value is not None}
 
 
 PAPER_NOISY = PhotonConfig(preset="paper", n_photons=1_000_000)
@@ -83,6 +96,8 @@ class DatasetConfig(Strict):
             )
         if self.bench is not None:
             self.bench.check(self.scene)
+            if self.clean.traced is not None:
+                raise ValueError("clean.traced is not for captures, whose benches share their photons; leave it out")
         return self
 
     @property
@@ -106,7 +121,7 @@ class DatasetConfig(Strict):
                 del tree["reliefs"][name]
         if tree["bench"] is None:
             del tree["bench"]
-        return tree
+        return {**tree, "noisy": self.noisy.record(), "clean": self.clean.record()}
 
     def fingerprint(self) -> str:
         """Hash of everything: two directories of the same fingerprint hold the same data set."""

@@ -21,6 +21,7 @@ from data_gen.sampler import Field, SampleBatch, Sampler
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.thinned import ThinnedSimulator
 
 Denoiser = Callable[[torch.Tensor], torch.Tensor]
 """Noisy images [B, n_w, m, m] to denoised ones."""
@@ -92,6 +93,21 @@ class Reliefs:
         return self.printed(torch.from_numpy(padded(strokes)), self.traits(ids))
 
 
+def simulator_of(
+    scene: Scene, photons: PhotonConfig, device: str | torch.device
+) -> CausticSimulator | ThinnedSimulator:
+    """The simulator of that configuration.
+
+    Raises:
+        InputError: a value that does not suit the scene.
+        ResourceError: the device is not there.
+    """
+    if photons.traced is None:
+        return CausticSimulator(scene, device=device, **photons.record())
+    kept = photons.model_dump(include={"n_photons", "smoothing"})
+    return ThinnedSimulator(scene, traced=photons.traced, device=device, **kept)
+
+
 class Images:
     """Simulated images of one kind (``"noisy"`` or ``"clean"``), each from its own photons unless they are a lattice.
 
@@ -101,14 +117,26 @@ class Images:
         fingerprint: of the data set, for the photons' keys.
         purpose: distinguishes photon sets of one sample.
         device: where to simulate.
+        is_shared: reliefs that are asked for together get the same photons, those of the first, in one launch; for
+            samples that nobody asks for one by one.
     """
 
-    def __init__(self, scene: Scene, photons: PhotonConfig, fingerprint: str, purpose: str, device: str | torch.device):
+    def __init__(
+        self,
+        scene: Scene,
+        photons: PhotonConfig,
+        fingerprint: str,
+        purpose: str,
+        device: str | torch.device,
+        *,
+        is_shared: bool = False,
+    ):
         self.fingerprint, self.purpose = fingerprint, purpose
-        self.simulator = CausticSimulator(scene, device=device, **photons.model_dump())
-        self.is_shared = self.simulator.plan.placement == "lattice"
+        self.simulator = simulator_of(scene, photons, device)
+        is_lattice = isinstance(self.simulator, CausticSimulator) and self.simulator.plan.placement == "lattice"
+        self.is_random = not is_lattice
         limit = MAX_BATCH_PIXELS[self.simulator.device.type] // (scene.n_wavelengths * scene.image_pixels**2)
-        self.batch = max(1, limit) if self.is_shared else 1
+        self.batch = max(1, limit) if is_lattice or is_shared else 1
 
     def __call__(self, heights: torch.Tensor, ids: Sequence[int]) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m], of heights [B, n, n] [m]."""
@@ -151,7 +179,7 @@ class Images:
         return [slice(first, min(first + self.batch, count)) for first in range(0, count, self.batch)]
 
     def _simulated(self, part: slice, heights: torch.Tensor, ids: Sequence[int]) -> torch.Tensor:
-        if not self.is_shared:
+        if self.is_random:
             self.simulator.reseed(sample_seed(self.fingerprint, f"photons/{self.purpose}", ids[part.start]))
         return self.simulator(heights)
 
@@ -197,18 +225,26 @@ class UpdaterSampler:
         config: the data set.
         device: where to simulate.
         denoiser: applied to simulated images; its content hash must be ``config.denoiser``.
+        shares_photons: samples drawn together share their random photons, see :class:`Images`.
 
     Raises:
         InputError: a denoiser without its hash, or the other way round.
     """
 
-    def __init__(self, config: DatasetConfig, device: str | torch.device, denoiser: Denoiser | None = None):
+    def __init__(
+        self,
+        config: DatasetConfig,
+        device: str | torch.device,
+        denoiser: Denoiser | None = None,
+        *,
+        shares_photons: bool = False,
+    ):
         if (denoiser is None) != (config.denoiser is None):
             raise InputError("denoiser and its content hash in the configuration go together; give both or neither")
         self.config, self.denoiser = config, denoiser
         self.reliefs = Reliefs(config, device)
         images = partial(Images, config.scene, fingerprint=self.reliefs.fingerprint, device=device)
-        self.simulated = images(config.noisy, purpose="noisy")
+        self.simulated = images(config.noisy, purpose="noisy", is_shared=shares_photons)
         self.target = images(config.clean, purpose="clean")
 
     @property

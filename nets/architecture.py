@@ -80,10 +80,12 @@ def parse_architecture(record: Any) -> Architecture:
 
 
 def architecture_record(architecture: Architecture) -> dict[str, Any]:
-    """JSON values of an architecture; without ``conditions`` or ``feedback`` where off, as older programs know it."""
+    """JSON values of an architecture, without what is off or by default, as older programs know it."""
     tree = architecture.model_dump(mode="json")
     if not tree.get("feedback", True):
         del tree["feedback"]
+    if tree.get("told_by") == "film":
+        del tree["told_by"]
     if not tree.get("backbone", {}).get("conditions", 1):
         del tree["backbone"]["conditions"]
     return tree

@@ -16,6 +16,7 @@ from nets.input_shapes import check_image
 from nets.padding import resolution_ratio
 from nets.residual_config import DirectConfig
 from nets.told import told_count
+from nets.told_maps import ToldMaps
 from warp_caustics.errors import InputError
 from warp_caustics.scene import Scene
 
@@ -26,7 +27,8 @@ class DirectNet(nn.Module):
     Input channels per height sample: log((I + eps) / (1 + eps)) and the raw
     image clipped, I relative to the light of a flat plate, (m/n)^2 pixels of
     n_w wavelengths each. A fresh network answers with a flat plate. With ``backbone.conditions`` it is told of its
-    bench besides (:mod:`nets.told`), and sees pictures that :mod:`nets.flat_light` has moved and levelled.
+    bench besides (:mod:`nets.told`), by the way of ``told_by``, and sees pictures that :mod:`nets.flat_light` has moved
+    and levelled.
 
     With ``feedback`` it is also given an answer and the image that this would make, its *echo*, encoded as the image
     is: what differs between both is where the answer is wrong. A flat plate and its even light are all zeros, so that a
@@ -55,11 +57,14 @@ class DirectNet(nn.Module):
         width = config.backbone.widths[0]
         self.register_buffer("flat", flat_irradiance(scene), persistent=False)
         self.stem = nn.Conv2d(2 * scene.n_wavelengths * self.ratio**2, width, 3, padding=1)
-        self.backbone, has = Backbone(config.backbone), config.feedback
+        # Blocks have weights for what is told where they scale and shift by it, and nowhere else.
+        own = config.backbone if config.told_by == "film" else config.backbone.model_copy(update={"conditions": 0})
+        self.backbone, has = Backbone(own), config.feedback
         self.head = Head(width, 1)
         # Last, so that the weights of all others are drawn as without it.
         self.look = zeroed(nn.Conv2d(self.stem.in_channels + 1, width, 3, padding=1, bias=False)) if has else None
         self.keep = Head(width, 1) if has else None
+        self.maps = ToldMaps(scene, width) if config.told_by == "maps" else None
 
     @property
     def is_told(self) -> bool:
@@ -93,6 +98,8 @@ class DirectNet(nn.Module):
         x, unit = self.stem(self._encoded(image)), self.config.encoding.height_unit_m
         if answer is not None and echo is not None and self.look is not None:
             x = x + self.look(torch.cat((self._encoded(echo), answer.float()[:, None] / unit), dim=1))
+        if self.maps is not None and told is not None:
+            x = x + self.maps(told).to(x.dtype)
         x = self.backbone(x, told)
         heights: torch.Tensor = self.head(x)[:, 0] * unit
         if self.keep is not None:

@@ -59,6 +59,10 @@ class DirectConfig(Strict):
     kind: Literal["direct"] = "direct"
     backbone: BackboneConfig
     encoding: EncodingConfig = EncodingConfig()
+    told_by: Literal["film", "maps", "picture"] = "film"
+    """How what is told of a bench reaches a network with ``backbone.conditions``: it scales and shifts the channels of
+    every block (film), or comes as planes beside the picture (maps). With ``picture`` no weights see it: the picture is
+    moved by it, as it always is, and no more."""
     feedback: bool = False
     """Whether it is also given an earlier answer of its own and the image that this would make; only with
     ``backbone.conditions``."""
@@ -69,6 +73,11 @@ class DirectConfig(Strict):
             raise ValueError(
                 "feedback is for a network that is told of its bench; set backbone.conditions, as configs/family.yaml "
                 "does, or feedback to false"
+            )
+        if self.told_by != "film" and not self.backbone.conditions:
+            raise ValueError(
+                f"told_by is {self.told_by}, but the network is told nothing; set backbone.conditions, as "
+                "configs/family.yaml does, or leave told_by out"
             )
         return self
 

@@ -36,7 +36,7 @@ class Benches:
         self.config, self.fingerprint = config, fingerprint or config.sample_fingerprint()
         self.ranges = config.bench or BenchRanges()
         self.kinds = PrintKinds(config, self.fingerprint)
-        self.screens = ManyScenes(config.scene, device=device, **config.clean.model_dump())
+        self.screens = ManyScenes(config.scene, device=device, **config.clean.record())
         self.device = self.screens.simulator.device
         self.cameras = Cameras(self.ranges.camera, config.scene, self.device)
 

@@ -109,7 +109,7 @@ class Case:
             "scene": self.scene.record(),
             "condition": asdict(self.condition),
             "camera": None if self.camera is None else self.camera.model_dump(mode="json"),
-            "photons": self.photons.model_dump(),
+            "photons": self.photons.record(),
         }
 
     def key(self) -> str:

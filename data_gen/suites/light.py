@@ -76,9 +76,9 @@ class Light:
             return np.asarray(simulator(heights).cpu().numpy(), np.float32)
 
     def _simulator(self, scene: Scene, photons: PhotonConfig) -> CausticSimulator:
-        key = f"{scene.model_dump_json()}{photons.model_dump_json()}"
+        key = f"{scene.model_dump_json()}{photons.record()}"
         if key not in self._simulators:
-            self._simulators[key] = CausticSimulator(scene, device=self.device, **photons.model_dump())
+            self._simulators[key] = CausticSimulator(scene, device=self.device, **photons.record())
             while len(self._simulators) > REMEMBERED:
                 self._simulators.popitem(last=False)
         self._simulators.move_to_end(key)

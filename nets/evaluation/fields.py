@@ -135,7 +135,7 @@ def prepare(sources: Sequence[Source], scene: Scene, photons: PhotonConfig, nois
         path = folder / f"{_image_key(source, scene, photons, noise)}.npz"
         arrays = read_arrays(path, ("image", "folds"))
         if arrays is None:
-            simulator = simulator or CausticSimulator(scene, device=device, **photons.model_dump())
+            simulator = simulator or CausticSimulator(scene, device=device, **photons.record())
             arrays = _simulated(source, simulator, noise)
             write_arrays(path, arrays)
         image = CausticImage(arrays["image"], _noise_std(arrays["image"], scene))
@@ -170,7 +170,7 @@ def _image_key(source: Source, scene: Scene, photons: PhotonConfig, noise: float
         "heights": array_hash(source.heights_m),
         "keys": source.keys,
         "scene": scene.record(),
-        "photons": photons.model_dump(),
+        "photons": photons.record(),
         "noise": noise,
         "code": code_version(),
     }

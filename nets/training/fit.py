@@ -4,7 +4,7 @@ A step: batch (simulated, from the pool or from files), loss, gradient, clip,
 optimiser, average. Nothing in it waits for the GPU; figures are read every
 ``log_every_steps``. Whatever happens, the run can be continued from its last
 checkpoint, and then does what it would have done (on the CPU: bit for bit; on
-a GPU the sums of its atomics differ in the last digits).
+a GPU sums differ in the last digits, unless they are to repeat: ``warp_caustics/determinism.py``).
 """
 
 import signal
@@ -31,6 +31,7 @@ from nets.training.sources import ReplaySource, check_pool, make_source
 from nets.training.state import EarlyStopping, RunState, finite_or_none
 from nets.training.tasks import make_task
 from nets.training.weights import export_weights, load_initial_weights
+from warp_caustics.determinism import settle_gpu
 from warp_caustics.signals import Restore, answered
 
 AGREE_EVERY_STEPS = 10
@@ -95,6 +96,7 @@ class _Loop:
         """Network, source, state; a checkpoint's content where one is continued."""
         training, device = self.training, self.device
         torch.backends.cudnn.benchmark = True
+        settle_gpu()  # nothing is tried out where results are to repeat
         # Convolutions only: the simulator's matrix products need all digits.
         torch.backends.cudnn.allow_tf32 = True
         torch.manual_seed(step_seed(training.seed, "weights", 0))

@@ -127,7 +127,9 @@ class FreshSource:
         if config.kind == "denoiser":
             self._sampler = DenoiserSampler(dataset, device)
         elif config.kind == "updater":
-            self._sampler = UpdaterSampler(dataset, device, self._denoiser)
+            # Steps are simulated as a whole, and again as a whole on resuming.
+            is_thinned = training.noisy.traced is not None
+            self._sampler = UpdaterSampler(dataset, device, self._denoiser, shares_photons=is_thinned)
         else:
             self._imager = VariedImager(config.scene, training.photons, training.seed, device)
         self.starts = OwnStarts(config, self._sampler, rank) if config.kind == "updater" else None

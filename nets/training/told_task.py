@@ -82,6 +82,19 @@ class ToldTask(Common):
             **self._second(model, numbered),
         }
 
+    def looks(self, batch: Batch, number: int) -> dict[str, Seen]:
+        """A validation batch in each way in which benches are judged, the same in every epoch and run.
+
+        Told as in training, told exactly, told nothing; on the run's scene, through cameras and without.
+        """
+        return {
+            "told": self._told(batch, number),
+            "exact": self._exact(batch, number),
+            "unknown": self._untold(batch, number),
+            "default": self._default(batch, number),
+            "perfect": self._perfect(batch, number),
+        }
+
     def _second(self, model: Model, batches: list[tuple[int, Batch]]) -> dict[str, float]:
         """Errors of a second look, at the answer of the first: told with errors, and on the run's scene."""
         if self.echoes is None:
@@ -123,6 +136,11 @@ class ToldTask(Common):
     def _untold(self, batch: Batch, number: int) -> Seen:
         """The same images, with nothing told."""
         return self.viewer.seen(batch["image"], batch["bench"], self._fixed("camera", number), None)
+
+    def _exact(self, batch: Batch, number: int) -> Seen:
+        """The same images, with all told as it is, cameras too."""
+        known = torch.ones(len(batch["bench"]), len(self.table), device=self.device)
+        return self.viewer.seen(batch["image"], batch["bench"], self._fixed("camera", number), None, known)
 
     def _default(self, batch: Batch, number: int) -> Seen:
         """The same plates on the run's scene, told all but the blur; the same cameras."""

@@ -93,11 +93,17 @@ def load_initial_weights(path: str, network: nn.Module, scene: Scene, *, starts_
 
 
 def _lesser(architecture: Architecture) -> list[Architecture]:
-    """The architecture without feedback, and without what tells it of its bench besides."""
+    """The architecture without feedback; without weights for what it is told; and told nothing at all."""
     if not isinstance(architecture, DirectConfig):
         return []
     once = architecture.model_copy(update={"feedback": False})
-    return [once, once.model_copy(update={"backbone": once.backbone.model_copy(update={"conditions": 0})})]
+    nothing = once.backbone.model_copy(update={"conditions": 0})
+    by_picture = {"told_by": "picture"} if once.backbone.conditions else {}
+    return [
+        once,
+        once.model_copy(update=by_picture),
+        once.model_copy(update={"backbone": nothing, "told_by": "film"}),
+    ]
 
 
 def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser | None, str | None]:
@@ -114,7 +120,9 @@ def frozen_denoiser(config: RunConfig, device: torch.device) -> tuple[Denoiser |
     loaded = load_weights(path, map_location=device)
     if loaded.info.architecture.kind != "denoiser":
         raise MismatchError(f"{path!r} holds a {loaded.info.architecture.kind} network; give a denoiser")
-    network = loaded.module.requires_grad_(False)
+    network: Any = loaded.module.requires_grad_(False)
+    if config.training.compile:
+        network = torch.compile(network)
 
     def denoised(images: torch.Tensor) -> torch.Tensor:
         with autocast(config.training.precision, device):

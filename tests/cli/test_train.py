@@ -213,6 +213,7 @@ def started(run, *arguments):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_two_processes_do_the_work_of_one(tmp_path):
     """Half the batch in each of two processes: the same samples, and the same learning but for rounding.
 
@@ -228,7 +229,7 @@ def test_two_processes_do_the_work_of_one(tmp_path):
         run = tmp_path / f"{devices} times {batch}"
         command = [nsfc, "train", "direct", "--fresh", "-o", run, *TINY, *off, "--total-steps", "20"]
         options = ["--devices", str(devices), "--batch-size", str(batch)]
-        done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=200)
+        done = subprocess.run([*command, *options], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         errors.append([float(row["val_rmse_um"]) for row in read_metrics(run) if row["val_rmse_um"]])
         losses.append([float(row["loss"]) for row in read_metrics(run) if row["loss"]])
@@ -237,6 +238,7 @@ def test_two_processes_do_the_work_of_one(tmp_path):
     assert errors[2] != pytest.approx(errors[0], rel=1e-3), "control: half the samples learn something else"
 
 
+@pytest.mark.timeout(900)  # three processes that load torch, in turn where others work
 def test_two_processes_train(tmp_path):
     """That they end together when their time is up: ``tests/nets/training/test_together.py``, without a clock."""
     from nets.training.record import read_metrics
@@ -245,7 +247,7 @@ def test_two_processes_train(tmp_path):
     command = [nsfc, "train", "direct", "--fresh", "-o", run, *TINY, "--devices", "2", "--total-steps", "4"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
-        _, text = process.communicate(timeout=200)
+        _, text = process.communicate()
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

@@ -140,7 +140,7 @@ def test_a_scene_with_a_point_source_keeps_it(angle):
     benches = Benches(config(BenchRanges(), scene=scene), "f")
     drawn, heights = benches.draw([0]), 1e-4 * torch.rand(1, 16, 16, generator=torch.Generator().manual_seed(2))
     assert drawn.of("is_point_source")[0] == 1 and drawn.of("lamp_distance_m")[0] == pytest.approx(0.797)
-    wanted = CausticSimulator(scene, **benches.config.clean.model_dump())(heights)
+    wanted = CausticSimulator(scene, **benches.config.clean.record())(heights)
     torch.testing.assert_close(benches.light(heights, drawn), wanted, rtol=2e-3, atol=2e-3)
     nearer = BenchRanges.model_validate({"set_up": {"lamp_distance_m": (0.4, 0.5), "tilt_rad": (0, 0.01)}})
     for bench in Benches(config(nearer, scene=scene), "f").scenes(

@@ -5,8 +5,9 @@ import pydantic
 import pytest
 import torch
 
+from data_gen.bench_ranges import BenchRanges
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
-from data_gen.samples import Images, Reliefs, make_sampler
+from data_gen.samples import Images, Reliefs, UpdaterSampler, make_sampler
 from data_gen.testset import DEVELOPMENT_FIELDS, field_heights, field_images, fields_config
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.errors import InputError
@@ -141,3 +142,30 @@ def test_a_wrong_number_of_samples_is_told_alone():
         DatasetConfig(kind="updater", n_samples=-1)
     (line,) = validation_lines(caught.value)
     assert line.startswith("n_samples: ") and "PydanticUndefined" not in line
+
+
+def test_thinned_samples_are_their_own_unless_photons_are_shared():
+    photons = PhotonConfig(preset="paper", n_photons=20_000, traced=6_000)
+    own, shared = (
+        UpdaterSampler(config(noisy=photons), "cpu", shares_photons=is_shared) for is_shared in (False, True)
+    )
+    alone, together = own.draw_tensors([3])[0]["simulated"], own.draw_tensors([2, 3])[0]["simulated"]
+    assert torch.equal(alone[0], together[1])
+    first, both = shared.draw_tensors([2])[0]["simulated"], shared.draw_tensors([2, 3])[0]["simulated"]
+    assert torch.equal(first[0], both[0])
+    assert not torch.equal(alone[0], both[1])
+
+
+def test_traced_is_for_random_photons_of_the_paper_and_not_for_captures():
+    with pytest.raises(pydantic.ValidationError, match="traced stands for random photons"):
+        PhotonConfig(traced=1000)
+    with pytest.raises(pydantic.ValidationError, match="not for captures"):
+        DatasetConfig(kind="capture", n_samples=2, bench=BenchRanges(), clean=PhotonConfig(preset="paper", traced=1000))
+
+
+def test_configurations_without_it_keep_their_fingerprint():
+    """Of data sets that were built before."""
+    plain = DatasetConfig(kind="updater", n_samples=8)
+    assert "traced" not in plain.canonical()["noisy"]
+    thinned = PhotonConfig(preset="paper", traced=1000)
+    assert plain.fingerprint() != DatasetConfig(kind="updater", n_samples=8, noisy=thinned).fingerprint()

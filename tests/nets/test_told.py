@@ -1,17 +1,23 @@
 """What networks are told, how it turns with a plate, and pictures without what a flat plate would show."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+import nets
 from data_gen.bench_ranges import bench_scene
 from nets.architecture import architecture_record, build, parse_architecture
 from nets.flat_light import FlatLight, rectified, window_of
 from nets.residual_config import DirectConfig, UnrolledConfig
+from nets.rounded_weights import STEP
 from nets.symmetries import all_symmetries, transformed
 from nets.told import ToldTable, bench_values, dropped, filled, told_count, told_of, told_parameters, turned
+from nets.told_maps import ToldMaps
+from nets.weights import load_weights
+from nets.weights_file import decode
 from tests.nets.conftest import BACKBONE
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
@@ -207,6 +213,86 @@ def test_film_starts_as_nothing_and_learns(scene, configs):
                 parameter.normal_(std=0.1)
     assert not torch.allclose(network(image, told), network(image, -told))
     assert torch.equal(network(image), network(image, torch.zeros(2, 22)))
+
+
+def told_by(configs, way):
+    return configs[1].model_copy(update={"told_by": way})
+
+
+def test_maps_start_as_nothing_and_learn(scene, configs):
+    networks = []
+    for config in (configs[0], told_by(configs, "maps"), told_by(configs, "picture")):
+        torch.manual_seed(0)
+        networks.append(build(config, scene))
+    plain, network, by_picture = networks
+    weights = plain.state_dict()
+    assert set(network.state_dict()) - set(weights) == {"maps.weighted.weight"}
+    assert all(torch.equal(values, network.state_dict()[name]) for name, values in weights.items())
+    for part in networks:
+        torch.manual_seed(1)
+        for name, parameter in part.named_parameters():
+            if "maps" not in name:
+                torch.nn.init.normal_(parameter, std=0.1)
+    image, told = torch.rand(2, 3, 64, 64), torch.randn(2, 22)
+    assert torch.equal(network(image, told), plain(image)) and torch.equal(network(image), plain(image))
+    network(image, told).square().sum().backward()
+    assert network.maps.weighted.weight.grad.any(dim=(0, 2, 3)).all(), "every plane"
+    torch.nn.init.normal_(network.maps.weighted.weight, std=0.1)
+    assert not torch.allclose(network(image, told), network(image, -told))
+    assert torch.equal(network(image), network(image, torch.zeros(2, 22)))
+    # Told by its picture alone: no weights, but benches are its.
+    assert by_picture.is_told and not plain.is_told and set(by_picture.state_dict()) == set(weights)
+    assert torch.equal(by_picture(image, told), plain(image))
+
+
+@pytest.mark.parametrize("numbers", [IDEAL, TILTED, NEAR], ids=["ideal", "tilted", "near"])
+@pytest.mark.parametrize("which", range(8))
+def test_maps_turn_with_the_plate_and_know_the_light(numbers, which):
+    scene = bench(numbers)
+    table, maps = ToldTable(SCENE), ToldMaps(SCENE, 4)
+    values, known = told_of(scene, table)
+    symmetry = all_symmetries(SCENE)[:, which : which + 1]
+    planes = maps.planes(dropped(values, known, table))
+    again = maps.planes(dropped(turned(values, symmetry, table), known, table))
+    everywhere, tangent = planes[:, :-2], planes[:, -2:]
+    assert (everywhere == everywhere[:, :, :1, :1]).all()
+    assert torch.equal(everywhere[0, :, 0, 0], dropped(values, known, table)[0])
+    # A vector's components turn besides the places where they are.
+    mirror_x, mirror_y, swap = symmetry[:, 0]
+    moved = transformed(tangent, symmetry)
+    sign_x, sign_y = (-1.0 if mirror else 1.0 for mirror in (mirror_x, mirror_y))
+    expected = torch.stack((sign_x * moved[0, 0], sign_y * moved[0, 1]))
+    torch.testing.assert_close(again[0, -2:], expected.flip(0) if swap else expected, atol=1e-5, rtol=1e-5)
+    # Along the way that light comes from the lamp to a sample of the plate's top.
+    scale = table.scale[table.x]
+    row, column = 5, 20
+    place = [((k + 0.5) / 32 - 0.5) * size for k, size in zip((column, row), SCENE.plate_size_m, strict=True)]
+    if scene.is_collimated:
+        true = [math.tan(angle) for angle in scene.light_tilt_rad]
+    else:
+        lamp = scene.light_position_m
+        height = lamp[2] - scene.base_thickness_m
+        true = [(place[k] - lamp[k]) / height for k in (0, 1)]
+    assert (scale * tangent[0, :, row, column]).tolist() == pytest.approx(true, abs=2e-6)
+
+
+def test_ways_to_be_told_are_written_where_they_are_not_film(scene, configs):
+    assert "told_by" not in architecture_record(configs[1]) and configs[1].told_by == "film"
+    for way in ("maps", "picture"):
+        record = architecture_record(told_by(configs, way))
+        assert record["told_by"] == way and parse_architecture(record) == told_by(configs, way)
+    with pytest.raises(ValueError, match="told_by is maps, but the network is told nothing"):
+        DirectConfig(backbone=BACKBONE, told_by="maps")
+
+
+@pytest.mark.parametrize("name", ["direct", "direct-family"])
+def test_files_from_before_are_read_and_written_as_they_were(name):
+    path = Path(nets.__path__[0]) / "trained" / f"{name}.safetensors"
+    record, tensors, _ = decode(path.read_bytes(), name)
+    loaded = load_weights(path)
+    assert architecture_record(loaded.info.architecture) == record["architecture"]
+    assert loaded.info.architecture.told_by == "film" and loaded.module.maps is None
+    assert set(loaded.module.state_dict()) == {key for key in tensors if not key.endswith(STEP)}
 
 
 def test_networks_that_are_told_nothing_are_as_before(scene, configs):

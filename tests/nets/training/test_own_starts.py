@@ -5,6 +5,8 @@ import csv
 import pytest
 import torch
 
+from data_gen.samples import UpdaterSampler
+from nets.training.keys import fresh_dataset
 from nets.training.sources import make_source
 from nets.weights import weights_info
 from warp_caustics.data_gradient import HIGHEST_RELIEF_M, possible_heights
@@ -94,3 +96,16 @@ def test_a_training_is_judged_by_its_iterates(tiny_run, train, tmp_path):
     assert len(values) == 2 and result.best == pytest.approx(min(values))
     info = weights_info(tmp_path / "run" / "weights.safetensors")
     assert info.training["objective"] == "val_iterated_rmse_um"
+
+
+@pytest.mark.parametrize("traced", [None, 3000], ids=["all photons", "few"])
+def test_samples_of_a_step_share_few_photons_and_no_others(tiny_run, traced):
+    """The second sample of step 0 is made with the first one's photons, or with its own: those of a data set."""
+    noisy = {"preset": "paper", "n_photons": 9000, "traced": traced}
+    source = make_source(tiny_run("updater", batch_size=2, noisy=noisy), CPU)
+    together = source.batch(0)
+    alone = UpdaterSampler(fresh_dataset(source.config, is_validation=False), CPU).draw_tensors([0, 1])[0]
+    source.close()
+    assert torch.equal(together["start"], alone["start"])
+    assert torch.equal(together["simulated"][0], alone["simulated"][0])
+    assert torch.equal(together["simulated"][1], alone["simulated"][1]) == (traced is None)

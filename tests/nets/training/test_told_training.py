@@ -23,6 +23,7 @@ from nets.training.sources import make_source
 from nets.training.telling import Teller, with_camera
 from nets.training.told_config import ToldConfig
 from nets.training.told_task import ToldTask
+from nets.training.weights import load_initial_weights
 from nets.weights import load_weights
 from tests.nets.training.test_resume import differences, everything
 from warp_caustics.errors import MismatchError
@@ -239,6 +240,33 @@ def test_it_starts_from_weights_that_know_nothing_of_benches(tiny_run, told_run,
     third = tiny_run("direct", total_steps=1).model_copy(update={"initial_weights": second.weights})
     with pytest.raises(MismatchError, match="another architecture"):
         train(third, tmp_path / "third")
+
+
+def told_by(config, way):
+    return config.model_copy(update={"network": config.network.model_copy(update={"told_by": way, "feedback": False})})
+
+
+@pytest.mark.parametrize(("way", "own"), [("film", "film"), ("maps", "maps"), ("picture", None)])
+def test_each_way_to_be_told_starts_from_weights_without(tiny_run, told_run, train, tmp_path, way, own):
+    """Untold ones and ones told by their picture alone: the fresh weights answer as these did, and are trained."""
+    first = train(tiny_run("direct", total_steps=2, steps_per_epoch=2), tmp_path / "first")
+    config = told_run(total_steps=1, steps_per_epoch=1, ema_decay=0.0)
+    nearest = train(told_by(config, "picture").model_copy(update={"initial_weights": first.weights}), tmp_path / "near")
+    image, told = torch.rand(2, 3, 64, 64), torch.randn(2, 22)
+    for path in (first.weights, nearest.weights):
+        network = build(told_by(config, way).network, config.scene)
+        load_initial_weights(path, network, config.scene, starts_flat=False)
+        assert torch.equal(network(image, told), load_weights(path).module(image))
+    result = train(told_by(config, way).model_copy(update={"initial_weights": nearest.weights}), tmp_path / "run")
+    loaded = load_weights(result.weights)
+    assert loaded.info.architecture.told_by == way and loaded.module.is_told
+    moved = [name for name, values in loaded.module.state_dict().items() if own and own in name and values.any()]
+    assert bool(moved) == (own is not None)
+    # Not from one way to another, in which what was learned of benches would be lost in silence.
+    other = {"film": "maps", "maps": "film", "picture": None}[way]
+    if other is not None:
+        with pytest.raises(MismatchError, match="another architecture"):
+            train(told_by(config, other).model_copy(update={"initial_weights": result.weights}), tmp_path / "other")
 
 
 @pytest.mark.parametrize(
