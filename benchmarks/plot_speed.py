@@ -31,7 +31,7 @@ def main(sources: list[Path], target: Path) -> None:
     axes.set_yticks([0.1, 0.2, 0.5, 1, 2])
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.grid(True, which="both", alpha=0.3)
-    axes.legend(loc="upper center")
+    figure.legend(loc="outside lower center", ncols=2)
     figure.savefig(target, dpi=110)
 
 

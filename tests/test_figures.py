@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import conditioning
 from benchmarks.stored_robustness import DEVELOPMENT_ROWS, OWN_ROWS, row
 from data_gen.dataset_config import sample_generator
 from data_gen.patterns import draw_strokes
@@ -316,6 +317,28 @@ ORDER = (
     "quarter", "squashed", "noise-10", "merge",
 )  # fmt: skip
 """Of the rows of that table."""
+
+
+def test_ways_to_be_told():
+    """The table is what the stored comparison prints; neither is there without the other."""
+    text, path = page("docs/training.md"), ROOT / "benchmarks" / "conditioning.json"
+    assert ("| told by | steps |" in text) == path.exists()
+    if path.exists():
+        assert "\n".join(conditioning.table(json.loads(path.read_text(encoding="utf-8")))) in text
+
+
+def test_the_paper_s_recipe():
+    """Its row, samples, epochs and losses are those of the stored training."""
+    stored = json.loads((ROOT / "benchmarks" / "paper_recipe.json").read_text(encoding="utf-8"))
+    text = page("docs/learned.md")
+    means = np.mean(stored["iterations/full"], axis=0)
+    row = " | ".join(f"{value:.0f}" for value in means[1:])
+    assert f"| denoiser, gradient, updater | {row} |" in text
+    assert f"on {stored['different_samples']:,} different samples" in text
+    assert f"({stored['steps']:,} steps of {stored['batch']} in 1,000 s" in text
+    assert f"in {stored['loss_above_1']} of {stored['loss_records']} records" in text
+    epochs = [f"{epoch['val_rmse_um']:.0f}" for epoch in stored["epochs"]]
+    assert f"{', '.join(epochs[:-1])} and {epochs[-1]} um" in text
 
 
 def test_bench_looked_for_on_a_cpu():

@@ -19,15 +19,16 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 
 LAYERS = {
     "warp_caustics": (
-        "front_door types units strict errors signals child_process landings native_words one_thread",
+        "front_door types units strict errors signals child_process landings native_words one_thread determinism",
         "materials height_field metrics pixel_spline resampling cuda_graph banded relief_bounds",
         "scene",
         "io kernels presets",
         "photons chunked camera",
         "optics prints",
-        "fused lattice_rows spline_stage",
+        "fused gathered_adjoint lattice_rows spline_stage",
         "engine",
         "simulator oracle",
+        "thinned",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
         "recorded_gradient",
         "setup capture reconstruct",
@@ -63,7 +64,7 @@ LAYERS = {
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
         " told told_scene flat_light seen_scene rounded_weights",
-        "unet backbone",
+        "unet backbone told_maps",
         "denoiser updater direct_net unrolled_net",
         "architecture",
         "receptive weights",
