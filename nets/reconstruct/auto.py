@@ -31,8 +31,8 @@ Plan = Literal["refine", "direct", "fibres", "transport+refine"]
 NETWORKED = ("direct", "fibres")
 """Plans whose methods ask a network, and take options about the bench."""
 
-LEFT_ALONE = 20
-"""Lines from which on a CPU leaves them to ``direct``: fewer take two cores some ten to forty seconds, more minutes."""
+LEFT_ALONE = 40
+"""Lines from which on a CPU leaves them to ``direct``: thirty take two cores a minute, on another bench than told three."""
 
 
 @dataclass(frozen=True)

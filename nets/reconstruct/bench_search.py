@@ -145,6 +145,10 @@ class BenchSearch:
         """The image as the bench shows it that was found for a result, and kept; as for a call."""
         return self._as_on(image, self._of_record(kept), _exposure(kept))
 
+    def method_on(self, kept: Reconstruction) -> BenchMethod:
+        """The method on that bench."""
+        return self._on(self._of_record(kept))
+
     def simulator_of(self, kept: Reconstruction) -> CausticSimulator:
         """Of that bench, with the losses of light that were found there."""
         return self._on(self._of_record(kept)).simulator_of(kept)
@@ -155,8 +159,7 @@ class BenchSearch:
             step = self._step_of(image, told)(answer, self._before)
         except CausticsError:
             return False
-        found = self._significant(step.values, step.sigma)
-        return any(found[name] != was for name, was in self._before.items())
+        return self._is_off(step.values, step.sigma)
 
     def cleared(self, image: CausticImage) -> CausticImage:
         """The image without the stray light that is told."""

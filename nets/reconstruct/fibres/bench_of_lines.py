@@ -13,6 +13,7 @@ channel and slopes and curvatures of the light over the picture.
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -70,6 +71,23 @@ class Bench:
         """As it is told, evenly lit."""
         values = {name: numbers.before[name] for name in numbers.names}
         return cls(values, np.zeros(numbers.scene.n_wavelengths + 5))
+
+    @classmethod
+    def found(cls, numbers: BenchNumbers, record: Mapping[str, Any], told_stray: float) -> "Bench":
+        """As a record of :class:`~warp_caustics.found_bench.bench_record.FoundBench` has it, evenly lit.
+
+        Args:
+            numbers: of a bench whose told stray light has been taken off the image.
+            record: of a search on the image as it was.
+            told_stray: that was taken off, of flat light.
+        """
+        used = {number["name"]: number for number in record["numbers"] if number["name"] in numbers.names}
+        values = {name: number["found"] for name, number in used.items()}
+        if AMBIENT in values:
+            values[AMBIENT] = (values[AMBIENT] - told_stray) / (1 + told_stray)
+        sigma = {name: number["sigma"] for name, number in used.items()}
+        told = cls.told(numbers)
+        return dataclasses.replace(told, values={**told.values, **values}, sigma=sigma)
 
     def light(self, pixels: int) -> FloatArray:
         """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""

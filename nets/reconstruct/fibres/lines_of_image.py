@@ -1,6 +1,7 @@
 """Lines of one image: found on the bench that was told, then with the one that they tell; and what becomes of them."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
@@ -22,7 +23,7 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.options import FibresOptions
-from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.search import FAR_OF_NOISE, ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
@@ -69,7 +70,18 @@ class FibresOf(Protocol):
 
 
 class LinesOfImage:
-    """One image: what was found so far."""
+    """One image: what was found so far.
+
+    Args:
+        method: whose image it is.
+        image: without the stray light that was told.
+        answer: of the network, not refined; on ``bench`` if that is given.
+        started: when the method did, by ``time.perf_counter``.
+        progress: called after each evaluation.
+        bench: record of the one that was found without lines, and the stray light that was told; lines are found there,
+            and the numbers that they tell as well.
+        timings: of what went before [s].
+    """
 
     def __init__(
         self,
@@ -78,6 +90,8 @@ class LinesOfImage:
         answer: Reconstruction,
         started: float,
         progress: ProgressCallback | None,
+        bench: tuple[Mapping[str, Any], float] | None = None,
+        timings: Mapping[str, float] | None = None,
     ):
         self.method, self.answer, self.measured = method, answer, image
         profile = method.options.profile
@@ -88,12 +102,13 @@ class LinesOfImage:
         self.told = LinesView(
             Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
         )
-        self.view = self.told
-        """On the bench that explains the image best."""
         numbers = method.network.numbers
         self.numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
         """Beside an image that told stray light has been taken off."""
-        self.bench = Bench.told(self.numbers)
+        self.is_elsewhere = bench is not None
+        self.bench = Bench.told(self.numbers) if bench is None else Bench.found(self.numbers, *bench)
+        self.view = self._on(self.bench, self.camera) if self.is_elsewhere else self.told
+        """On the bench that explains the image best."""
         self.iterations = method.options.max_iterations or ITERATIONS
         total = (method.options.jumps + 2) * self.iterations
         self.log = RunLog(total, progress, method.options.max_time_s, started=started, history=list(answer.history))
@@ -104,8 +119,8 @@ class LinesOfImage:
         self.covariance: FloatArray | None = None
         """Of lines and bench, where both were found."""
         self.moves_section = False
-        self.takes_lines = self.is_noise_left = False
-        self.seconds, self.timings, self.counters = 0.0, dict[str, float](), dict[str, Any]()
+        self.takes_lines = self.is_noise_left = self.is_in_vain = False
+        self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
 
     def leave(self) -> None:
         """No lines."""
@@ -115,11 +130,12 @@ class LinesOfImage:
     def fit(self) -> None:
         """Lines, and the bench that they tell where they do not explain the image on the one that was told."""
         method, answer = self.method, self.answer
-        self.timings["network"] = self.log.elapsed_s
+        here = "network again" if self.is_elsewhere else "network"
+        self.timings[here] = self.log.elapsed_s - sum(self.timings.values())
         try:
             self._fit()
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
-            if method.finds_bench and len(self.lines) and not self.told.is_explained(self.lines):
+            if len(self.lines) and not self.is_in_vain and self._asks_bench():
                 self._fit_with_bench()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
@@ -137,6 +153,19 @@ class LinesOfImage:
         self.counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
         self.is_noise_left = residual < of_network and is_explained(self.view.discrepancy(found))
         self.takes_lines = self.is_noise_left or residual < TAKEN_SHARE * of_network
+
+    def shown_to(self, found: Reconstruction) -> tuple[CausticImage, CausticSimulator]:
+        """The image as the bench of a result shows it, and that bench."""
+        if not found.counters.get("bench", {}).get("is_kept"):
+            return self.measured, self.told.resimulation.simulator
+        return seen_on(self.measured, self.numbers, self.bench, self.exposure), self.view.resimulation.simulator
+
+    def _asks_bench(self) -> bool:
+        """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""
+        if self.is_elsewhere:
+            left = self.view.left(self.lines)
+            return left is None or left <= FAR_OF_NOISE
+        return self.method.finds_bench and not self.told.is_explained(self.lines)
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -198,7 +227,7 @@ class LinesOfImage:
         return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
 
     def _fit(self) -> None:
-        """Lines on the bench that was told."""
+        """Lines on the bench that was told, or found without them."""
         heights = torch.as_tensor(self.answer.heights_m)
         spread = torch.zeros_like(heights)
         if self.answer.uncertainty_m is not None:
@@ -212,9 +241,9 @@ class LinesOfImage:
             return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
-        self._search(self.told, start, options.jumps)
+        self._search(self.view, start, options.jumps, is_first=True)
 
-    def _search(self, view: LinesView, start: torch.Tensor, jumps: int) -> None:
+    def _search(self, view: LinesView, start: torch.Tensor, jumps: int, *, is_first: bool = False) -> None:
         method, device = self.method, self.method.device
         answer = self.answer
         spread = np.zeros_like(answer.heights_m) if answer.uncertainty_m is None else answer.uncertainty_m
@@ -229,7 +258,7 @@ class LinesOfImage:
             method.options.pixels_on(device.type, method.scene),
             jumps=jumps,
             iterations=self.iterations,
-            finds_section=method.finds_section and view is self.told,
+            finds_section=method.finds_section and is_first,
             moves_section=self.moves_section,
             answer=Answer(relief_m, spread_m, method.options.most_lines),
             discrepancy=view.left,
@@ -240,7 +269,7 @@ class LinesOfImage:
             search.run(start)
         finally:
             self.lines = search.lines if len(search.lines) else start
-            self.moves_section = search.moves_section
+            self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
 
     def _fit_with_bench(self) -> None:
         """Lines with the bench they tell, where that explains the image better."""
@@ -262,14 +291,16 @@ class LinesOfImage:
                 report=self._note,
             )
             try:
-                lines, self.bench = together(self.lines, self.bench)
-                self.view = self._on(self.bench, lines)
-                self._search(self.view, lines, 1)
+                self.lines, self.bench = together(self.lines, self.bench)
+                self.view = self._on(self.bench)
+                if not self.view.is_explained(self.lines):
+                    self._search(self.view, self.lines, 1)
             except KeyboardInterrupt:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 raise
             was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-            if was is None or now is None or not now < BENCH_GAIN * was:
+            enough = BENCH_GAIN if self.covariance is not None or not self.is_elsewhere else 1.0
+            if was is None or now is None or not now < enough * was:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 return
             self.covariance = together.covariance(self.lines, self.bench)
@@ -281,12 +312,13 @@ class LinesOfImage:
         fit = ImageFit(scene, image, self.model, scene.image_pixels, blur_px=blur_px)
         return fit.loss(self.model.heights(self.lines), at_exposure=True)
 
-    def _on(self, bench: Bench, lines: torch.Tensor) -> LinesView:
-        """The image on another bench, with the camera that lines tell there."""
+    def _on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
+        """The image on another bench, with a camera or that which lines tell there."""
         simulator = CausticSimulator(self.numbers.scene_of(bench.values), "lattice", device=self.method.device)
         image = seen_on(self.measured, self.numbers, bench, self.exposure)
         plain = Resimulation(simulator, image, self.exposure)
-        camera = plain.found_camera(self.told.relief(lines))
+        if camera is None:
+            camera = plain.found_camera(self.told.relief(self.lines))
         return LinesView(plain.through(camera), self.model)
 
     def _note(self, loss: float) -> None:

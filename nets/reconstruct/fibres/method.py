@@ -21,12 +21,8 @@ from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from nets.reconstruct.with_doubt import with_doubt
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    ProgressCallback,
-    Reconstruction,
-    Reconstructor,
-)
+from warp_caustics.found_bench.bench_numbers import AMBIENT
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image
 from warp_caustics.reconstruct.run_log import following
 from warp_caustics.scene import Scene
@@ -65,6 +61,8 @@ class Fibres(Reconstructor):
         self.options = self.options.on(self.device.type)
         self.finds_bench = (self.options.set_up or ("estimate" if is_gpu else "known")) == "estimate"
         self.takes_bench_as_told = self.options.set_up == "known"
+        self.looks_first = not is_gpu and not self.takes_bench_as_told and self.options.max_time_s is None
+        """Whether a bench that looks other is found without lines first: on a GPU both together take seconds."""
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -86,23 +84,37 @@ class Fibres(Reconstructor):
         answer = self.network.found(image, initial, progress)
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
-        run = LinesOfImage(self, image, answer, started, progress)
-        is_hasty = self.options.left_alone is not None and not self.finds_bench and not self.takes_bench_as_told
-        if is_hasty and search.looks_other(image, answer, answer.heights_m):
+        run, direct = LinesOfImage(self, image, answer, started, progress), None
+        if self.looks_first and search.looks_other(image, answer, answer.heights_m):
             # Lines would be searched for in vain on a bench that is not there.
             run.leave()
-            return self._by_network(run, measured, initial, progress)
+            direct = self._by_network(run, measured, initial, progress)
+            if direct.stop_reason == "interrupted":
+                return direct
+            run = self._run_after(direct, search, measured, answer, started, progress)
+            if run.answer.stop_reason == "interrupted":
+                return dataclasses.replace(direct, stop_reason="interrupted")
         run.fit()
+        if direct is not None:
+            stop = direct.stop_reason if run.reason == "converged" else run.reason
+            counters = direct.counters | {"fibres": len(run.lines)}
+            direct = dataclasses.replace(direct, stop_reason=stop, counters=counters)
         is_free = self.options.max_time_s is None and run.reason == "converged"
-        if not run.takes_lines and is_free and (self.options.samples or not self.takes_bench_as_told):
-            return self._by_network(run, measured, initial, progress)
+        asks_network = is_free and (self.options.samples or not self.takes_bench_as_told)
+        if not run.takes_lines and (direct or asks_network):
+            return direct or self._by_network(run, measured, initial, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
-            other = self._by_network(run, measured, initial, progress)
+            other = direct or self._by_network(run, measured, initial, progress)
             if other.residual < found.residual:
                 return other
+        return self._finished(found, run)
+
+    def _finished(self, found: Reconstruction, run: LinesOfImage) -> Reconstruction:
+        """With what it knows of itself, on the user's grid."""
         if self.options.causes and found.stop_reason != "interrupted":
-            found = with_causes(found, image, self.network.simulator, self.network.numbers)
+            numbers = None if found.counters.get("bench", {}).get("is_kept") else self.network.numbers
+            found = with_causes(found, *run.shown_to(found), numbers)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.network.numbers, () if run.covariance is None else run.numbers.names)
         return self.network.asked[0].grid.result(with_doubt(found, self.network.numbers))
@@ -112,6 +124,37 @@ class Fibres(Reconstructor):
         """What finds plates that are no lines, with the bench and losses of light of its own."""
         options = {key: getattr(self.options, key) for key in DirectOptions.model_fields}
         return Direct(self.network.network.seen.user, DirectOptions(**options), self.device)
+
+    def _run_after(
+        self,
+        direct: Reconstruction,
+        search: BenchSearch,
+        measured: CausticImage,
+        answer: Reconstruction,
+        started: float,
+        progress: ProgressCallback | None,
+    ) -> LinesOfImage:
+        """The search for lines on the bench that was found without them; on the told one if none was.
+
+        Args:
+            direct: what was found without lines.
+            search: of the bench.
+            measured: the image.
+            answer: of the network on the told bench.
+            started: when the method did.
+            progress: of the whole run.
+        """
+        direct_s, bench = time.perf_counter() - started, None
+        history = [entry for entry in direct.history if isinstance(entry, dict)]
+        if direct.counters.get("bench", {}).get("is_kept"):
+            after = following(progress, len(history), started)
+            again = search.method_on(direct).found(search.on_found(measured, direct), None, after)
+            answer = after_lines(again, history, direct_s, {}, {})
+            bench = direct.counters["bench"], self.network.numbers.before[AMBIENT]
+        else:
+            answer = dataclasses.replace(answer, history=history)
+        timings = {"without lines": direct_s}
+        return LinesOfImage(self, search.cleared(measured), answer, started, progress, bench, timings)
 
     def _by_network(
         self, run: LinesOfImage, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None

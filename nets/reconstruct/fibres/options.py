@@ -11,8 +11,9 @@ from warp_caustics.prints.line import Section
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
 
-    With lines a bench is looked for (``set_up``) by default on a GPU alone: of many lines it takes a CPU minutes. Where
-    lines do not tell the image ``direct`` looks for one on both.
+    A bench is looked for with lines (``set_up``) where these do not tell the image on a GPU, on a CPU if asked: of many
+    lines it takes minutes there. Where the image looks as of another bench a CPU has ``direct`` find it, then looks for
+    lines there, and last for both together. Where lines do not tell the image ``direct`` looks for a bench on both.
     """
 
     profile: Section | Literal["found"] = "found"
@@ -22,5 +23,4 @@ class FibresOptions(DirectOptions):
     """Rounds in which lines are added, removed and jump, at most."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
-    """Lines from which on they are not searched for on the image, which then is left to ``direct``, as it is where the
-    bench looks other than told and is not looked for with lines; None: never."""
+    """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""

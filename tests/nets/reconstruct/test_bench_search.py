@@ -96,8 +96,8 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
 
 
-def test_a_hasty_search_for_lines_leaves_images_of_other_benches_to_direct(monkeypatch, truthful, saved, relief):
-    """Told at a glance; on a bench that is as told lines are looked for."""
+def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypatch, truthful, saved, relief):
+    """Told at a glance; on a bench that is as told lines are looked for at once."""
     method = truthful()
     as_told, moved = taken(relief), taken(relief, screen_x_m=3e-4)
     found = [method.found(image) for image in (as_told, moved)]
@@ -111,10 +111,13 @@ def test_a_hasty_search_for_lines_leaves_images_of_other_benches_to_direct(monke
     monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.LinesOfImage.fit", lambda self: asked.append(self))
     options = {"weights": saved("direct", scene=SCENE), "refine": False}
     result = create("fibres", SCENE, left_alone=20, **options).reconstruct(moved)
-    assert not asked and result.method == "fibres" and result.counters["explained_by"] == "network"
-    assert result.counters["bench"]["is_kept"]
+    assert result.method == "fibres" and result.counters["explained_by"] == "network"
+    assert result.counters["bench"]["is_kept"] and len(asked) == 1
+    found = asked[0].bench.values["screen_x_m"]
+    assert asked[0].is_elsewhere and found == pytest.approx(3e-4, abs=2e-5)
+    assert asked[0].view.scene.screen_position_m[0] == found and asked[0].told.scene == SCENE
     create("fibres", SCENE, left_alone=20, set_up="known", **options).reconstruct(moved)
-    assert len(asked) == 1
+    assert len(asked) == 2 and not asked[1].is_elsewhere
 
 
 def test_on_another_bench_both_networks_are_asked():

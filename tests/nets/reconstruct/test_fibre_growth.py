@@ -87,3 +87,29 @@ def test_a_search_finds_what_is_missing_and_drops_what_is_not_there():
     search = LineSearch(SCENE, seen(LINES), MODEL, 2 * N, jumps=1, iterations=15, answer=answer)
     found = search.run(start)
     assert len(found) == 3 and error_um(found) < 1.0 < 20 < error_um(start)
+
+
+@pytest.mark.parametrize(("is_bent", "is_in_vain"), [(True, True), (False, False)])
+def test_lines_that_leave_more_than_the_relief_they_are_of_are_given_up(monkeypatch, is_bent, is_in_vain):
+    """A ring, which the network has found: no lines tell it, and the pixels of the image are not asked."""
+    at = (np.arange(N) + 0.5) * SCENE.plate_size_m[0] / N - SCENE.plate_size_m[0] / 2
+    off = np.abs(np.hypot(at[:, None], at[None]) - 12e-3)
+    ring = torch.as_tensor(6e-4 * np.cos(np.pi * np.minimum(off / 4e-3, 0.5)) ** 2, dtype=torch.float32)
+    relief = ring if is_bent else MODEL.heights(LINES)
+    noise = 0.01 * np.random.default_rng(0).standard_normal((2, 4 * N, 4 * N))
+    image = CausticImage((CausticSimulator(SCENE)(relief).numpy() + noise).astype(np.float32), np.full(2, 0.01))
+    wrong = 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(2))
+    answer = Answer(relief + wrong, torch.full((N, N), 2e-6), most=6)
+    search = LineSearch(SCENE, image, MODEL, 2 * N, jumps=1, iterations=8, answer=answer)
+    finely, descend = [], ImageFit.descend
+
+    def counted(fit, *arguments, **options):
+        if fit is not search.coarse:
+            finely.append(fit)
+        return descend(fit, *arguments, **options)
+
+    monkeypatch.setattr(ImageFit, "descend", counted)
+    start = LINES[:2].clone() if is_bent else LINES + 2e-5
+    found = search.run(start)
+    assert search.is_in_vain == is_in_vain and bool(finely) != is_in_vain
+    assert len(found) and torch.equal(found, search.lines)
