@@ -79,6 +79,12 @@ PLACES = (
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
     Place("docs/any_image.md", "## What it costs", {**DIRECT, **FAMILY}, "python -m benchmarks.any_image --force"),
+    Place(
+        "benchmarks/lines_elsewhere.json",
+        '"plates"',
+        {**DIRECT, **FAMILY},
+        "python -m benchmarks.lines_elsewhere; docs/found_bench.md",
+    ),
     Place("docs/found_bench.md", "## Measured", {**DIRECT, **OLD_FAMILY}, "python -m benchmarks.found_bench"),
     Place("docs/lab.md", "## What the walk takes", DIRECT, "make demo"),
     Place("docs/compare.md", "## The ten development fields", {**OLD, **NSFC}, COMPARE),

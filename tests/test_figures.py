@@ -363,4 +363,18 @@ def test_bench_looked_for_on_a_cpu():
         assert near, cells
 
 
+def test_lines_on_another_bench():
+    """Each plate of the table in docs/found_bench.md is one that is stored, in the same order."""
+    stored = json.loads((ROOT / "benchmarks" / "lines_elsewhere.json").read_text(encoding="utf-8"))["plates"]
+    rows = table(page("docs/found_bench.md"), "| what differs | flat guess | `direct` | `auto` |")
+    assert len(rows) == len(stored)
+    for (_, flat, direct, auto, by), plate in zip(rows, stored, strict=True):
+        assert (
+            flat == f"{plate['flat_um']:.0f} um"
+            and by == {"fibres": "lines", "network": "`direct`"}[plate["explained_by"]]
+        )
+        for cell, name in ((direct, "direct"), (auto, "auto")):
+            assert cell == f"{plate[f'{name}_um']:.2f} um, {plate[f'{name}_s']:.0f} s"
+
+
 HOW = ("known", "estimate")
