@@ -32,7 +32,7 @@ NETWORKED = ("direct", "fibres")
 """Plans whose methods ask a network, and take options about the bench."""
 
 LEFT_ALONE = 40
-"""Lines from which on a CPU leaves them to ``direct``: thirty take two cores a minute, on another bench than told three."""
+"""Lines from which on a CPU leaves them to ``direct``: thirty take two cores a minute, on other benches three."""
 
 
 @dataclass(frozen=True)
