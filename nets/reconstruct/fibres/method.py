@@ -145,14 +145,13 @@ class Fibres(Reconstructor):
             progress: of the whole run.
         """
         direct_s, bench = time.perf_counter() - started, None
-        history = [entry for entry in direct.history if isinstance(entry, dict)]
         if direct.counters.get("bench", {}).get("is_kept"):
-            after = following(progress, len(history), started)
+            after = following(progress, len(direct.history), started)
             again = search.method_on(direct).found(search.on_found(measured, direct), None, after)
-            answer = after_lines(again, history, direct_s, {}, {})
+            answer = after_lines(again, direct.history, direct_s, {}, {})
             bench = direct.counters["bench"], self.network.numbers.before[AMBIENT]
         else:
-            answer = dataclasses.replace(answer, history=history)
+            answer = dataclasses.replace(answer, history=direct.history)
         timings = {"without lines": direct_s}
         return LinesOfImage(self, search.cleared(measured), answer, started, progress, bench, timings)
 

@@ -153,3 +153,21 @@ def test_heights_deviate_as_lines_that_are_drawn():
     where = deviation > 3e-6
     np.testing.assert_allclose(np.median(drawn.std(dim=0).numpy()[where] / deviation[where]), 1.0, atol=0.1)
     assert drawn.std(dim=0).numpy()[deviation == 0].max() < 1e-6
+
+
+def test_a_bench_found_without_lines_is_that_of_an_image_without_told_stray_light():
+    """(E + A) / (1 + A) with A = 0.05, of which 0.02 was told and taken off: what is left is of the same E."""
+    found = [
+        {"name": "ambient", "found": 0.05, "sigma": 0.001},
+        {"name": "screen_x_m", "found": 2e-4, "sigma": 5e-6},
+        {"name": "tilt_x_rad", "found": 0.0, "sigma": 0.005},
+    ]
+    bench = Bench.found(numbers(), {"numbers": found}, 0.02)
+    light = np.array([0.0, 0.7, 3.0])
+    seen = (light + 0.05) / 1.05
+    cleared = seen * 1.02 - 0.02
+    stray = bench.values["ambient"]
+    np.testing.assert_allclose((light + stray) / (1 + stray), cleared, rtol=1e-12)
+    assert bench.values["screen_x_m"] == 2e-4 and bench.sigma["screen_x_m"] == 5e-6
+    assert set(bench.values) == set(numbers().names) and not bench.field.any()
+    assert bench.values["gap_m"] == Bench.told(numbers()).values["gap_m"]

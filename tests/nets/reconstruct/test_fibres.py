@@ -227,6 +227,7 @@ def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answ
     bench = {number["name"]: number for number in found.counters["bench"]["numbers"]}
     assert bench["screen_x_m"]["found"] == pytest.approx(shift_m, abs=0.1 * shift_m / 1.5)
     assert bench["screen_x_m"]["verdict"] == "found" and bench["gap_m"]["verdict"] != "found"
+    assert bench["screen_x_m"]["sigma"] < 0.5e-5 and bench["gap_m"]["sigma"] < 0.9 * bench["gap_m"]["prior"], "by lines"
     assert bench["ambient"]["found"] == pytest.approx((0.03 - told) / (1 + told), abs=0.02)
     assert any("screen_x_m" in warning for warning in found.warnings)
     assert found.counters["discrepancy"] < 1.5 < known.counters["discrepancy"]
@@ -238,6 +239,21 @@ def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answ
     # The caustic of the result is one of the image as it was taken, but for stray light that was told.
     seen = image.irradiance * (1 + told) - told
     assert np.sqrt(np.mean((found.image - seen) ** 2)) < 0.03
+
+
+def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image, answering):
+    """At a glance it did; what was found without lines then is not looked for again, and lines are found as told."""
+    monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.looks_other", lambda *of: True)
+    reconstruct, asked = Direct.reconstruct, []
+    monkeypatch.setattr(Direct, "reconstruct", lambda self, *a, **o: asked.append(self) or reconstruct(self, *a, **o))
+    truth = model.heights(LINES).double().numpy()
+    wrong = truth + 3e-6 * np.random.default_rng(1).standard_normal(truth.shape)
+    result = answering(wrong, refine=False, jumps=0).reconstruct(image)
+    assert len(asked) == 1 and result.counters["explained_by"] == "fibres" and "bench" not in result.counters
+    assert 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2))) < 1.0
+    assert "without lines" in result.timings_s and "network again" not in result.timings_s
+    bump = answering(np.full((N, N), 1e-4), refine=False, jumps=0, most_lines=1).reconstruct(image)
+    assert len(asked) == 2 and bump.counters["explained_by"] == "network"
 
 
 def test_told_stray_light_is_taken_off(model, image, answering):
