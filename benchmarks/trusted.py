@@ -1,6 +1,6 @@
-"""Are results right that say so, and wrong ones found out? Coverage and warnings of ``direct`` on benches of a seed.
+"""Are results right that say so, and wrong ones found out? Coverage and warnings of a method on benches of a seed.
 
-    python -m benchmarks.trusted [--seed 990301] [--device cpu] [--json FILE] [--rows ROW:COUNT ...]
+    python -m benchmarks.trusted [--method direct] [--seed 990301] [--device cpu] [--json FILE] [--rows ROW:COUNT ...]
     python -m benchmarks.trusted --read FILE
 
 Plates and benches that nothing was fitted to: random benches of ``configs/benches`` (``careful``, ``ordinary``,
@@ -13,6 +13,7 @@ heights may be wrong by more than that uncertainty (``counters["doubt"]``).
 
 import argparse
 import json
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,9 +72,14 @@ def plates(row: str, count: int, seed: int, device: str) -> Iterator[tuple[Caust
         yield shot.image, shot.heights_m
 
 
-def spread_alone(result: Reconstruction, scene: Scene) -> FloatArray:
-    """The uncertainty without the bench's part and what all symmetries share [m]: factor times spread, and floor."""
+def spread_alone(result: Reconstruction, scene: Scene) -> FloatArray | None:
+    """The uncertainty without the bench's part and what all symmetries share [m]: factor times spread, and floor.
+
+    None where lines explain the image, whose uncertainty is no factor of a spread.
+    """
     assert result.uncertainty_m is not None
+    if result.fibres_m is not None:
+        return None
     is_told = result.settings["network"]["file"].startswith("direct-family")
     calibration = FAMILY_CALIBRATION if is_told else DIRECT_CALIBRATION
     widths = {name: part["sigma"] for name, part in result.counters["uncertainty"]["numbers"].items()}
@@ -89,8 +95,10 @@ def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArra
     relief = (np.abs(result.heights_m) > LEAST_RELIEF_M) | (np.abs(truth) > LEAST_RELIEF_M)
     alone = spread_alone(result, scene)
 
-    def covered(by: FloatArray, where: Any) -> list[float | None]:
-        return [float((error <= k * by)[where].mean()) if where.any() else None for k in (1, 2)]
+    def covered(by: FloatArray | None, where: Any) -> list[float | None]:
+        if by is None or not where.any():
+            return [None, None]
+        return [float((error <= k * by)[where].mean()) for k in (1, 2)]
 
     everywhere = np.ones_like(relief)
     return {
@@ -98,7 +106,7 @@ def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArra
         "plate": number,
         "rmse_um": 1e6 * float(np.sqrt(np.mean(error**2))),
         "uncertainty_um": 1e6 * float(np.sqrt(np.mean(sigma**2))),
-        "alone_um": 1e6 * float(np.sqrt(np.mean(alone**2))),
+        "alone_um": None if alone is None else 1e6 * float(np.sqrt(np.mean(alone**2))),
         "within": covered(sigma, everywhere),
         "within_relief": covered(sigma, relief),
         "alone_within": covered(alone, everywhere),
@@ -111,6 +119,7 @@ def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArra
         "is_kept": result.counters.get("bench", {}).get("is_kept"),
         "explained": None if result.trust is None else result.trust.is_explained,
         "warnings": len(result.warnings),
+        "by": result.counters.get("explained_by", "network"),
         "network": result.settings["network"]["file"],
     }
 
@@ -141,8 +150,9 @@ def summary(rows: Sequence[dict[str, Any]]) -> list[str]:
         lines.append(f"all, {key}: {_covered(rows, f'alone_{key}')} -> {_covered(rows, key)}; min, median, max:")
         lines.append(f"    {_spread(rows, f'alone_{key}')} -> {_spread(rows, key)}")
     for name, by in (("the spread alone", "alone_um"), ("all", "uncertainty_um")):
-        wrong = [row for row in rows if is_wrong(row, by)]
-        good = [row for row in rows if not is_wrong(row, by)]
+        known = [row for row in rows if row[by] is not None]
+        wrong = [row for row in known if is_wrong(row, by)]
+        good = [row for row in known if not is_wrong(row, by)]
         found, false = (sum(row["is_flagged"] for row in each) for each in (wrong, good))
         lines.append(f"wrong by {name}: {found} of {len(wrong)} flagged; good: {false} of {len(good)} flagged")
     return lines
@@ -172,6 +182,7 @@ def constants() -> dict[str, dict[str, float]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--method", default="direct", choices=("direct", "fibres", "auto"))
     parser.add_argument("--seed", type=int, default=990_301)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--rows", nargs="+", default=ROWS, metavar="ROW:COUNT")
@@ -182,13 +193,16 @@ def main() -> None:
         print("\n".join(summary(json.loads(arguments.read.read_text())["rows"])))
         return
     scene, rows = Scene(), []
-    method = create("direct", scene, device=arguments.device)
+    method = create(arguments.method, scene, device=arguments.device)
     for name, _, count in (row.partition(":") for row in arguments.rows):
         for number, (image, truth) in enumerate(plates(name, int(count), arguments.seed, arguments.device)):
-            rows.append(measured_row(name, number, method.reconstruct(image), truth, scene))
+            started = time.perf_counter()
+            result = method.reconstruct(image)
+            rows.append(measured_row(name, number, result, truth, scene) | {"seconds": time.perf_counter() - started})
             print(json.dumps(rows[-1]), flush=True)
             if arguments.json:
-                found = {"seed": arguments.seed, "constants": constants(), "rows": rows}
+                told = {"method": arguments.method, "seed": arguments.seed, "device": arguments.device}
+                found = told | {"constants": constants(), "rows": rows}
                 arguments.json.write_text(json.dumps(found, indent=1) + "\n")
     print("\n".join(summary(rows)))
 

@@ -110,8 +110,20 @@ def random_weight(n: int, n_1: int, n_2: int, smoothing: float) -> float:
     # a^2 (first + 1 / n_2) - 2 a first + first - 1 / n = 0
     square, free = first + 1 / n_2, first - 1 / n
     if free > 0:
+        enough = enough_traced(n, smoothing)
+        remedy = f"trace more, such as {enough}" if enough < n else "leave it out to trace all of them"
         raise InputError(
             f"{n_1 + n_2} paths that are traced have more noise than {n} random ones with smoothing {smoothing:g}; "
-            f"trace more, such as {max(2, n // 5)}"
+            f"{remedy}"
         )
     return (first + math.sqrt(first**2 - square * free)) / square
+
+
+def enough_traced(n: int, smoothing: float) -> int:
+    """Fewest paths whose noise is not above that of n random ones, and a tenth more, as a grid takes whole rows."""
+    low, high = 1, n
+    while low < high:
+        middle = (low + high) // 2
+        is_enough = stratified_noise(smoothing * math.sqrt(middle / n)) * n <= middle
+        low, high = (low, middle) if is_enough else (middle + 1, high)
+    return math.ceil(1.1 * low / STRATIFIED_SHARE)

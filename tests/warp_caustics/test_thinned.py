@@ -112,3 +112,20 @@ def test_weights_add_up_to_the_wanted_variance() -> None:
 def test_refused(traced: int, said: str) -> None:
     with pytest.raises(InputError, match=said):
         ThinnedSimulator(SCENE, n_photons=N, smoothing=S, traced=traced)
+
+
+@pytest.mark.parametrize(("n", "smoothing"), [(10_000, 4.0), (10_000, 2.0), (400, 16.0), (1_000_000, 16.0)])
+def test_what_is_offered_to_trace_is_enough(n: int, smoothing: float) -> None:
+    """As many as the message says are not refused again, and a third fewer are."""
+    with pytest.raises(InputError, match="trace more, such as") as refused:
+        ThinnedSimulator(Scene(), traced=20, n_photons=n, smoothing=smoothing)
+    offered = int(str(refused.value).rsplit(" ", 1)[1])
+    weight = ThinnedSimulator(Scene(), traced=offered, n_photons=n, smoothing=smoothing).weight
+    assert 0 < weight < 1
+    with pytest.raises(InputError, match="more noise"):
+        ThinnedSimulator(Scene(), traced=2 * offered // 3, n_photons=n, smoothing=smoothing)
+
+
+def test_where_no_number_is_enough_all_are_to_be_traced() -> None:
+    with pytest.raises(InputError, match="leave it out to trace all"):
+        ThinnedSimulator(Scene(), traced=900, n_photons=1000, smoothing=1.0)
