@@ -115,7 +115,7 @@ def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArra
         "causes": [[each["name"], each["value"], each["sigma"]] for each in result.counters["rest"]["causes"]],
         "is_flagged": result.counters["doubt"]["is_doubtful"],
         "times": result.counters["doubt"]["times"],
-        "care": result.counters["doubt"]["care"],
+        "care": result.counters["uncertainty"]["care"]["times"],
         "is_kept": result.counters.get("bench", {}).get("is_kept"),
         "explained": None if result.trust is None else result.trust.is_explained,
         "warnings": len(result.warnings),

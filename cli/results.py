@@ -168,6 +168,12 @@ def rest_lines(record: Mapping[str, Any]) -> list[str]:
     return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]
 
 
+def care_lines(record: Mapping[str, Any]) -> list[str]:
+    """How much less well a bench is taken as known than of a careful user; none where that is hardly so."""
+    line = ((record.get("counters") or {}).get("uncertainty") or {}).get("care", {}).get("line")
+    return [f"care       {line}"] if line else []
+
+
 def found_bench_lines(result: "Reconstruction") -> list[str]:
     """What the image told of its bench, a line for each number; none where it was not looked for."""
     from warp_caustics.found_bench.bench_record import NOT_TOLD
@@ -242,6 +248,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
             f"uncertain  {found['rms_um']:.3g} um (root mean square), 95 % of the plate below "
             f"{found['quantile95_um']:.3g} um{_parts(found.get('parts'))}"
         )
+        lines += care_lines(record)
     elif record["no_uncertainty"]:
         lines.append(f"uncertain  none, because {record['no_uncertainty']}")
     if result.counters.get("samples"):

@@ -68,6 +68,13 @@ def rest_line(record: Mapping[str, Any]) -> str:
     return f"Left: {line}." if line else ""
 
 
+def care_line(record: Mapping[str, Any]) -> str:
+    """How much less well the bench is taken as known than of a careful user, as a sentence; empty where hardly so."""
+    of_bench = mapping(mapping(mapping(record.get("counters")).get("uncertainty")).get("care"))
+    line = str(of_bench.get("line") or "")
+    return f"{line[0].upper()}{line[1:]}." if line else ""
+
+
 def samples_line(record: Mapping[str, Any]) -> str:
     """How far samples of what the image leaves open lie apart, as a sentence; empty where none were asked for."""
     line = str(mapping(mapping(record.get("counters")).get("samples")).get("line") or "")

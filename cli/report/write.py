@@ -39,6 +39,7 @@ def report_text(content: "ReportContent") -> str:
     from cli.report.stages import shown_stages
     from cli.report.summary import (
         VERDICTS,
+        care_line,
         coverage,
         headline,
         key_figures,
@@ -82,6 +83,7 @@ def report_text(content: "ReportContent") -> str:
         trust=trust_line(record),
         rest=rest_line(record),
         no_uncertainty=no_uncertainty(record),
+        care_line=care_line(record),
         caustics=_caustic_frames(content),
         samples_apart=_sample_frames(content),
         samples_line=samples_line(record),

@@ -390,4 +390,4 @@ class _Run:
         if self.options.bench_uncertainty:
             counted = () if self.on_bench is None else self.on_bench.numbers.names
             reconstruction = with_bench(reconstruction, self.method.numbers, counted)
-        return FromNominalResult(with_doubt(reconstruction, self.method.numbers), self.lines.fitted)
+        return FromNominalResult(with_doubt(reconstruction), self.lines.fitted)

@@ -183,7 +183,7 @@ class Direct(Reconstructor):
                 found = dataclasses.replace(found, warnings=(*found.warnings, NO_FOLDS))
         if self.options.bench_uncertainty:
             found = with_bench(found, self.numbers)
-        return self.asked[0].grid.result(with_doubt(found, self.numbers))
+        return self.asked[0].grid.result(with_doubt(found))
 
     def _has_time(self, elapsed_s: float) -> bool:
         """Whether another bench can be looked for within the time that is left."""

