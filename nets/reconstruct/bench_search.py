@@ -37,11 +37,13 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-ROUNDS = 6
+ROUNDS = 8
 """Networks asked on benches that were found, at most."""
 FURTHER = 1.5
-"""By which steps are lengthened: heights that are wrong take half to three quarters of what the image says of a bench
-to themselves, and the next round takes back what was too much."""
+"""By which first steps are lengthened: heights that are wrong take half to three quarters of what the image says of a
+bench to themselves, and the next round takes back what was too much."""
+FURTHEST = 4.0
+"""By which later ones are at most: far from the right bench heights take nine tenths, and steps do not get shorter."""
 BORDER_PX = 4
 """Of the image on all sides, that do not count: a picture that is moved has half pixels there."""
 UNKNOWN_NOISE = 0.02
@@ -185,6 +187,7 @@ class BenchSearch:
         stepped = self._step_of(image, told)
         values, heights, steps = dict(self._before), answer, []
         sigma: dict[str, float] = {}
+        was: dict[str, tuple[float, float]] = {}
         for turn in range(ROUNDS):
             step = stepped(heights, values)
             steps.append(step)
@@ -195,7 +198,8 @@ class BenchSearch:
             is_there = not step.gain or all(abs(move[name]) < step.sigma[name] for name in values)
             if is_there or (not turn and not self._is_off(step.values, step.sigma)):
                 return step.values, steps, sigma
-            further = {name: values[name] + FURTHER * move[name] for name in values}
+            further = {n: values[n] + lengthened(values[n], move[n], step.sigma[n], was.get(n)) for n in values}
+            was = {name: (values[name], move[name]) for name in values}
             values = self.numbers.within(further if turn + 1 < ROUNDS else step.values)
             if turn + 1 < ROUNDS:
                 heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
@@ -299,6 +303,22 @@ class BenchSearch:
         ]
         untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
         return FoundBench((*found, *untold), is_kept, why, rounds)
+
+
+def lengthened(value: float, move: float, sigma: float, was: tuple[float, float] | None) -> float:
+    """How far to go where one step says ``move``: to where steps end by the secant through this one and the last.
+
+    Args:
+        value: of a number of the bench.
+        move: of the step from there.
+        sigma: its standard deviation; what is within tells no secant.
+        was: value and move of the round before; None in the first.
+    """
+    if was is None or abs(move) < sigma or abs(value - was[0]) < sigma:
+        return FURTHER * move
+    slope = (move - was[1]) / (value - was[0])
+    longest = FURTHEST * abs(move)
+    return math.copysign(min(abs(move / slope), longest) if slope < 0 else longest, move)
 
 
 def is_less(now: float, was: float, noise: float) -> bool:
