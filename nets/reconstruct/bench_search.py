@@ -25,12 +25,13 @@ from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber, deviation, verdict_of
 from warp_caustics.found_bench.bench_step import BenchStep, bench_step
+from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction
 from warp_caustics.reconstruct.exposure import light_ratio
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, measurement_at
 from warp_caustics.reconstruct.result import estimated_noise
 from warp_caustics.reconstruct.run_log import following
-from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
+from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, of_size
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
@@ -215,12 +216,13 @@ class BenchSearch:
         blur = blur_matrices(pixels, camera.blur_at(pixels), device) if camera.blurs else None
         together = channels_together(image, camera, device) if camera.displaces else image
         factor = scene.image_pixels // pixels
-        measurement = measurement_at(together, scene, pixels, device, -(-BORDER_PX // factor))
         model, noise = BenchModel(self.numbers, pixels, device, blur), self._noise(image) / factor
 
         def step(heights: FloatArray, values: Mapping[str, float]) -> BenchStep:
+            shown = of_size(together, 1 / self.numbers.picture_size(values), device)
+            measurement = measurement_at(shown, scene, pixels, device, -(-BORDER_PX // factor))
             relief = torch.tensor(heights, dtype=torch.float32, device=device)
-            return bench_step(model, relief, values, measurement, noise)
+            return bench_step(model.in_size_of(values), relief, values, measurement, noise)
 
         return step
 
@@ -255,7 +257,7 @@ class BenchSearch:
         return self.numbers.scene_of(values).model_copy(update={"height_samples": user.height_samples})
 
     def _as_on(self, image: CausticImage, values: Mapping[str, float], exposure: FloatArray) -> CausticImage:
-        """The image as it would be without stray light, divided by the flat frame of the found bench."""
+        """The image as it would be without stray light, divided by the flat frame of the found bench, in its size."""
         scene, stray = self.method.scene, values.get(AMBIENT, self.numbers.before[AMBIENT])
         level = np.asarray(scene.radiosity_W_m2)[:, None, None]
         irradiance = np.asarray(image.irradiance, np.float64)
@@ -263,7 +265,8 @@ class BenchSearch:
             irradiance = irradiance * (1 + stray) - stray * (level * exposure[:, None, None])
         irradiance = irradiance * self._flat_ratio(values)
         noise = None if image.noise_std is None else image.noise_std * (1 + stray)
-        return dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+        seen = dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+        return of_size(seen, 1 / self.numbers.picture_size(values), self.method.device)
 
     def _noise_left(self, image: CausticImage, told: Reconstruction) -> float:
         """What noise leaves of the image at the exposure of the told result, in the units of :meth:`_left`."""
@@ -276,6 +279,7 @@ class BenchSearch:
         light = np.asarray(scene.radiosity_W_m2) * _exposure(result)
         shown = result.image / self._flat_ratio(values)
         seen = (shown + stray * light[:, None, None]) / (1 + stray)
+        seen = enlarged(torch.as_tensor(seen), self.numbers.picture_size(values)).numpy()
         return dataclasses.replace(result, image=seen.astype(result.image.dtype))
 
     def _flat_ratio(self, values: Mapping[str, float]) -> FloatArray:

@@ -3,20 +3,24 @@
 As :mod:`warp_caustics.calibration.view_model` has it for plates that are known, but in single precision and in the
 pixels of a refinement, since both are asked many times while heights are found:
 
-    y = b ((E(h; theta) L_0 / L(theta)) + A) / (1 + A)
+    y = b ((E(h; theta) L_0 / L(theta)) + A) / (1 + A),
 
 E in units of the radiosity, L(theta) the light of a flat plate on the bench of theta, L_0 on the told one: a capture is
 divided by the flat frame of its own bench, and what was told is multiplied to it; A stray light, in the flat frame as
-well; b the brightness of each channel.
+well; b the brightness of each channel. Of light that converges the picture is smaller
+(:mod:`~warp_caustics.found_bench.picture_size`).
 """
 
+import copy
 from collections.abc import Mapping
+from typing import Self
 
 import torch
 
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.calibration.view_model import difference_ends
-from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
+from warp_caustics.found_bench.picture_size import brought_back, enlarged
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
 from warp_caustics.resampling import blurred
 from warp_caustics.scene import Scene
@@ -46,9 +50,24 @@ class BenchModel:
         self.numbers, self.pixels, self.device, self._blur = numbers, pixels, torch.device(device), blur
         self._flat = self._level(numbers.scene)
         self._parameters = {p.name: p for p in numbers.parameters}
+        self._as_of = 0.0
+        """Vergence of light whose picture is as large as images here; at most 0."""
+
+    def in_size_of(self, values: Mapping[str, float]) -> Self:
+        """The same for images that were brought back from the size of the picture on a bench where light converges.
+
+        A picture that is resampled is softer, by as much as its pixels lie between the old ones: what is off in size
+        is told from that only where none of what is simulated is resampled. So images are brought back, once.
+
+        Args:
+            values: of that bench's numbers, by name.
+        """
+        model = copy.copy(self)
+        model._as_of = min(values.get(VERGENCE, 0.0), 0.0)
+        return model
 
     def image(self, heights: torch.Tensor, values: Mapping[str, float]) -> torch.Tensor:
-        """y at b = 1, shape [..., n_w, m, m].
+        """y at b = 1, shape [..., n_w, m, m], in the size of :meth:`in_size_of`.
 
         Args:
             heights: [m], shape [..., n, n], float32.
@@ -57,10 +76,12 @@ class BenchModel:
         Raises:
             InputError: values that make no bench.
         """
+        values, size = self._brought_back(values)
         scene = self.numbers.scene_of(values)
         simulator = CausticSimulator(in_units_of_radiosity(scene, self.pixels), "lattice", device=self.device)
         with torch.no_grad():
             light = simulator(heights.to(self.device)) * (self._flat / self._level(scene))
+            light = enlarged(light, size)
             if self._blur is not None:
                 light = blurred(light, self._blur)
         stray = values.get(AMBIENT, self.numbers.before[AMBIENT])
@@ -76,7 +97,7 @@ class BenchModel:
             values: where.
             image: there.
         """
-        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(values), self.pixels))
+        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(self._brought_back(values)[0]), self.pixels))
         columns = []
         for parameter in self.numbers.parameters:
             name, at = parameter.name, values[parameter.name]
@@ -100,6 +121,14 @@ class BenchModel:
             changes: per unit, shape [K, n, n].
         """
         return (self.image(heights + HEIGHT_STEP * changes, values) - image) / HEIGHT_STEP
+
+    def _brought_back(self, values: Mapping[str, float]) -> tuple[Mapping[str, float], float]:
+        """Values of the bench that is simulated, and how much larger than its picture is what is looked at."""
+        vergence = values.get(VERGENCE, 0.0)
+        if vergence >= 0 and not self._as_of:
+            return values, 1.0
+        vergence, size = brought_back(self.numbers.scene, vergence, self._as_of)
+        return {**values, VERGENCE: vergence}, size
 
     def _level(self, scene: Scene) -> torch.Tensor:
         """Light of a flat plate in units of the radiosity, shape [n_w, m, m]; 1 for parallel light."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from warp_caustics.errors import InputError
+from warp_caustics.found_bench.picture_size import lowest_vergence, picture_size
 from warp_caustics.found_bench.thin_relief import PICTURE
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_parameters, optical_values, with_optical_values
@@ -13,10 +14,13 @@ AMBIENT = "ambient"
 """Stray light of all wavelengths alike, relative to the light of a flat plate."""
 MOST_AMBIENT = 0.5
 
-LOOKED_FOR = ("screen_x_m", "screen_y_m", "vergence_per_m", "lamp_distance_m", "dispersion_scale", AMBIENT)
+VERGENCE = "vergence_per_m"
+"""Of light that is told to be parallel; below 0 it converges, or the picture is too small."""
+
+LOOKED_FOR = ("screen_x_m", "screen_y_m", VERGENCE, "lamp_distance_m", "dispersion_scale", AMBIENT)
 """Those of them that a scene has."""
 
-WIDTHS = {"vergence_per_m": 1.0, "dispersion_scale": 0.2}
+WIDTHS = {VERGENCE: 1.0, "dispersion_scale": 0.2}
 """Prior widths in place of the usual ones: of a lamp that nobody measured, and a glass of which the index is known."""
 
 WHY_NOT_TOLD = {
@@ -71,6 +75,9 @@ class BenchNumbers:
             name, width = next(iter(wrong.items()))
             raise InputError(f"prior width of {name} {width:g} is below 0; give 0 for a number that is known exactly")
         every = [replace(p, prior=widths[p.name]) if widths.get(p.name) else p for p in every]
+        if scene.is_collimated:
+            lowest = lowest_vergence(scene)
+            every = [replace(p, low=lowest) if p.name == VERGENCE else p for p in every]
         unknown = [p for p in every if widths.get(p.name) != 0]
         names = [name for name in LOOKED_FOR if name != "dispersion_scale" or _disperses(scene)]
         values = optical_values(scene, scene) | {AMBIENT: ambient}
@@ -90,13 +97,21 @@ class BenchNumbers:
     def scene_of(self, values: Mapping[str, float]) -> Scene:
         """The scene of values of these numbers; those that are not named stay as told.
 
+        Light that converges is parallel there, and :meth:`picture_size` the rest of it.
+
         Raises:
             InputError: values that make no scene.
         """
         optical = {name: value for name, value in values.items() if name != AMBIENT}
+        if optical.get(VERGENCE, 0.0) < 0:
+            optical[VERGENCE] = 0.0
         if all(value == self.before[name] for name, value in optical.items()):
             return self.scene
         return with_optical_values(self.scene, optical)
+
+    def picture_size(self, values: Mapping[str, float]) -> float:
+        """Of the picture over that of :meth:`scene_of` (:mod:`warp_caustics.found_bench.picture_size`)."""
+        return picture_size(self.scene, values.get(VERGENCE, 0.0))
 
     def within(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values brought into the ranges of their numbers."""

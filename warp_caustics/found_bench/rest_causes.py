@@ -67,7 +67,7 @@ MEANINGS = {
     APART: "colours apart beyond what was undone [px]",
     GRAIN: "grain that the noise does not hold (speckle, compression), of even light",
     SPOTS: "dust or bright spots, number of places",
-    "vergence_per_m": "a lamp at a finite distance, or a picture that is too large [1/m]",
+    "vergence_per_m": "a lamp at a finite distance, or a picture that is too large (below 0: too small) [1/m]",
     "lamp_distance_m": "a lamp at another distance, or a picture of another size [m]",
     "screen_x_m": "a picture that is moved along x [m]",
     "screen_y_m": "a picture that is moved along y [m]",

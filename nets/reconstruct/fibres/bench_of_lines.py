@@ -25,9 +25,11 @@ from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
+from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
+from warp_caustics.reconstruct.seen_camera.aligned_channels import of_size
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -107,7 +109,7 @@ def field_modes(channels: int, pixels: int) -> FloatArray:
 def seen_on(
     image: CausticImage, numbers: BenchNumbers, bench: Bench, exposure: FloatArray | None = None
 ) -> CausticImage:
-    """An image as it would be on the bench's own flat plate, evenly lit and without stray light.
+    """An image as it would be on the bench's own flat plate, evenly lit, without stray light and of its scene's size.
 
     Args:
         image: as it was measured.
@@ -120,13 +122,15 @@ def seen_on(
     irradiance = np.asarray(image.irradiance, np.float64) / bench.light(scene.image_pixels)
     irradiance = (irradiance * (1 + stray) - stray * level[:, None, None]) * flat_ratio(numbers, bench)
     noise = None if image.noise_std is None else np.asarray(image.noise_std) * (1 + stray)
-    return dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+    seen = dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
+    return of_size(seen, 1 / numbers.picture_size(bench.values), "cpu")
 
 
 def as_measured(shown: FloatArray, numbers: BenchNumbers, bench: Bench, exposure: FloatArray) -> FloatArray:
     """The inverse of :func:`seen_on` for irradiance [W/m^2], shape [n_w, m, m]."""
     scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
     level = np.asarray(scene.radiosity_W_m2, np.float64) * exposure
+    shown = enlarged(torch.as_tensor(shown), numbers.picture_size(bench.values)).numpy()
     light = (shown / flat_ratio(numbers, bench) + stray * level[:, None, None]) / (1 + stray)
     measured: FloatArray = light * bench.light(scene.image_pixels)
     return measured
@@ -247,8 +251,9 @@ class BenchOfLines:
     def _beside(self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float) -> Beside:
         """What the image is linear in about a bench."""
         heights = self.model.heights(lines)
-        seen = self._model.image(heights, bench.values)
-        by_numbers = self._model.by_numbers(heights, bench.values, seen)
+        model = self._model.in_size_of(bench.values)
+        seen = model.image(heights, bench.values)
+        by_numbers = model.by_numbers(heights, bench.values, seen)
         widths = torch.as_tensor(self._widths, dtype=torch.float32, device=seen.device)
         modes = torch.cat([by_numbers, self._field * seen]) * widths[:, None, None, None]
         count = len(self.numbers.parameters)

@@ -1,5 +1,7 @@
 """The measured image with its channels where the middle one lies."""
 
+import dataclasses
+
 import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
@@ -53,3 +55,18 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
             gaps = torch.as_tensor(~mask[channel], dtype=torch.float64, device=device)
             kept[channel] = (along_y.abs() @ gaps @ along_x.abs().T < SPOILED).cpu().numpy()
     return CausticImage(irradiance, image.noise_std, kept)
+
+
+def of_size(image: CausticImage, size: float, device: torch.device | str) -> CausticImage:
+    """The image so many times as large about its middle; 1 leaves it as it is.
+
+    Args:
+        image: what the camera saw.
+        size: above 1/2.
+        device: where to compute.
+    """
+    if size == 1:
+        return image
+    channels, pixels = image.irradiance.shape[0], image.irradiance.shape[-1]
+    camera = ChannelCamera.perfect(channels, pixels)
+    return channels_together(image, dataclasses.replace(camera, scale=np.full(channels, 1 / size - 1)), device)

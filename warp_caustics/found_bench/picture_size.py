@@ -1,0 +1,72 @@
+"""Pictures smaller than the plate's: of light that converges, or of a camera that was told corners too far out.
+
+A lamp at the distance L = 1 / v enlarges a picture by A = 1 + D v, D = d / n + g / n_o the way of light through base
+and gap (:mod:`~warp_caustics.found_bench.thin_relief`), and so a picture that is too large looks as of a lamp nearby.
+Below v = 0 no point source is there to be simulated: light from straight above is, and its picture made A times as
+large. Heights of converging light and of a smaller picture differ by no more than 1 - A of themselves.
+"""
+
+import torch
+
+from warp_caustics.resampling import resampled, spline_reach
+from warp_caustics.scene import Scene
+
+SMALLEST = 0.97
+"""A of the smallest picture that is looked for: corners that are wrong by fifteen thousandths of the plate."""
+
+
+def way_of_light_m(scene: Scene) -> float:
+    """D: how far light goes per slope, through base and gap [m], mean over the wavelengths that shine."""
+    gap = -scene.screen_position_m[2]
+    ways = [
+        scene.base_thickness_m / glass + gap / outside
+        for glass, outside, light in zip(scene.glass_indices, scene.exit_indices, scene.radiosity_W_m2, strict=True)
+        if light > 0
+    ]
+    return sum(ways) / len(ways)
+
+
+def lowest_vergence(scene: Scene) -> float:
+    """v at which the picture is :data:`SMALLEST` [1/m]."""
+    return (SMALLEST - 1) / way_of_light_m(scene)
+
+
+def picture_size(scene: Scene, vergence_per_m: float) -> float:
+    """A where light converges; 1 where it does not, for then it is in the simulation.
+
+    Args:
+        scene: the bench, whose light is parallel.
+        vergence_per_m: v.
+    """
+    return 1 + way_of_light_m(scene) * vergence_per_m if vergence_per_m < 0 else 1.0
+
+
+def brought_back(scene: Scene, vergence_per_m: float, as_of_per_m: float) -> tuple[float, float]:
+    """Vergence to simulate, and a factor of its picture's size, for a picture brought back from that of another one.
+
+    Brought back means 1 / A(as_of) times as large: then A(v) / A(as_of) is the size of what is looked at. Above 1 it is
+    that of a lamp nearby, which can be simulated; below, parallel light's and a factor.
+
+    Args:
+        scene: the bench, whose light is parallel.
+        vergence_per_m: v.
+        as_of_per_m: that of the picture which was brought back.
+    """
+    way = way_of_light_m(scene)
+    size = (1 + way * vergence_per_m) / (1 + way * as_of_per_m)
+    return ((size - 1) / way, 1.0) if size >= 1 else (0.0, size)
+
+
+def enlarged(images: torch.Tensor, size: float) -> torch.Tensor:
+    """Pictures so many times as large about their middle; what comes in from beyond the border is mirrored.
+
+    Args:
+        images: of even light 1 or of its changes, which a size does not make brighter, shape [..., m, m].
+        size: 1 leaves them as they are.
+    """
+    if size == 1:
+        return images
+    flat = images.reshape(-1, *images.shape[-2:])
+    zero = images.new_zeros(())
+    moved = resampled(flat, images.new_zeros(2), zero + (size - 1), zero, spline_reach(0.0))
+    return moved.reshape(images.shape)
