@@ -18,11 +18,12 @@ import numpy as np
 import torch
 
 from nets.reconstruct.refinement import Refinement
+from nets.reconstruct.secant import lengthened
 from nets.shipped import FoundNetwork
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import CausticsError
 from warp_caustics.found_bench.bench_model import BenchModel
-from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber, deviation, verdict_of
 from warp_caustics.found_bench.bench_step import BenchStep, bench_step
 from warp_caustics.found_bench.picture_size import enlarged
@@ -40,11 +41,6 @@ from warp_caustics.types import FloatArray
 
 ROUNDS = 8
 """Networks asked on benches that were found, at most."""
-FURTHER = 1.5
-"""By which first steps are lengthened: heights that are wrong take half to three quarters of what the image says of a
-bench to themselves, and the next round takes back what was too much."""
-FURTHEST = 4.0
-"""By which later ones are at most: far from the right bench heights take nine tenths, and steps do not get shorter."""
 BORDER_PX = 4
 """Of the image on all sides, that do not count: a picture that is moved has half pixels there."""
 UNKNOWN_NOISE = 0.02
@@ -107,19 +103,46 @@ class BenchSearch:
         Raises:
             KeyboardInterrupt: by ``progress``, before there are heights on another bench.
         """
+        whole = time.perf_counter() - (told.history[-1]["elapsed_s"] if told.history else 0.0)
+        found = self._tried(image, told, answer, whole, self._before, progress)
+        pictures = self.numbers.of_picture()
+        if found.is_kept and pictures is not None and found.used.get(VERGENCE, 0.0) > 0:
+            # As of a lamp nearby, or of a picture that is too large: what is left of the image decides.
+            other = BenchSearch(self.method, pictures)._tried(image, told, answer, whole, found.used, progress)
+            found = other if other.is_kept and other.left < found.left else found.later(other)
+        return found.recorded()
+
+    def _tried(
+        self,
+        image: CausticImage,
+        told: Reconstruction,
+        answer: FloatArray,
+        whole: float,
+        start: Mapping[str, float],
+        progress: ProgressCallback | None,
+    ) -> "_Tried":
+        """What a search from some values comes to.
+
+        Args:
+            image: as it was measured.
+            told: what was found on the bench that was told, refined.
+            answer: heights of the network there [m], shape [n, n].
+            whole: when the run began, by ``time.perf_counter``.
+            start: values of the numbers; heights are asked for anew where they are not the told ones.
+            progress: of the whole run.
+        """
         started = time.perf_counter()
-        whole = started - (told.history[-1]["elapsed_s"] if told.history else 0.0)
         rounds = following(progress, len(told.history), whole)
-        values, why = dict(self._before), "the image is explained as well by what was told"
+        values, why = dict(start), "the image is explained as well by what was told"
         steps: list[BenchStep] = []
         try:
-            values, steps, sigma = self._searched(image, told, answer, rounds)
+            values, steps, sigma = self._searched(image, told, answer, start, rounds)
         except CausticsError as error:
             why = f"the search ended where no bench is: {error}"
             sigma = {}
         found = self._significant(values, sigma)
-        search_s = time.perf_counter() - started
-        kept, is_kept = told, False
+        timings = {"bench": time.perf_counter() - started}
+        kept, is_kept, now = told, False, math.inf
         if any(found[name] != self._before[name] for name in found):
             try:
                 later = following(progress, len(told.history) + len(steps), whole, "found bench, ")
@@ -133,36 +156,33 @@ class BenchSearch:
                 kept = self._as_measured(other, found) if is_kept else told
                 if other.stop_reason == "interrupted":
                     kept = dataclasses.replace(kept, stop_reason="interrupted")
+                timings |= {f"{name} on the found bench": value for name, value in other.timings_s.items()}
         record = self._record(values, sigma, is_kept, why, len(steps))
-        timings = told.timings_s | {"bench": search_s}
-        if is_kept:
-            timings |= {f"{name} on the found bench": value for name, value in kept.timings_s.items()}
-        return dataclasses.replace(
-            kept,
-            timings_s=timings,
-            counters=kept.counters | {"bench": record.record},
-            warnings=(*kept.warnings, *record.warnings()),
-        )
+        return _Tried(told, kept, record, found, now, timings)
 
     def on_found(self, image: CausticImage, kept: Reconstruction) -> CausticImage:
         """The image as the bench shows it that was found for a result, and kept; as for a call."""
-        return self._as_on(image, self._of_record(kept), _exposure(kept))
+        return self._of(kept)._as_on(image, self._of_record(kept), _exposure(kept))
 
     def method_on(self, kept: Reconstruction) -> BenchMethod:
         """The method on that bench."""
-        return self._on(self._of_record(kept))
+        return self._of(kept)._on(self._of_record(kept))
 
     def simulator_of(self, kept: Reconstruction) -> CausticSimulator:
         """Of that bench, with the losses of light that were found there."""
-        return self._on(self._of_record(kept)).simulator_of(kept)
+        return self.method_on(kept).simulator_of(kept)
 
-    def looks_other(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> bool:
-        """Whether the image shows at a glance, by one step, that the bench is not as it is told; as for a call."""
+    def looks_other(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> tuple[bool, bool]:
+        """Whether the image shows at a glance, by one step, that the bench is not as told, and its picture too small.
+
+        Arguments as for a call.
+        """
         try:
             step = self._step_of(image, told)(answer, self._before)
         except CausticsError:
-            return False
-        return self._is_off(step.values, step.sigma)
+            return False, False
+        is_off = self._is_off(step.values, step.sigma)
+        return is_off, is_off and step.values.get(VERGENCE, 0.0) < -WORTH * step.sigma.get(VERGENCE, 0.0)
 
     def cleared(self, image: CausticImage) -> CausticImage:
         """The image without the stray light that is told."""
@@ -171,6 +191,11 @@ class BenchSearch:
         scene = self.method.scene
         ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
         return self._as_on(image, self._before, ratio)
+
+    def _of(self, kept: Reconstruction) -> "BenchSearch":
+        """The search that a result is of."""
+        pictures = self.numbers.of_picture() if kept.counters["bench"]["is_picture"] else None
+        return self if pictures is None else BenchSearch(self.method, pictures)
 
     def _of_record(self, kept: Reconstruction) -> dict[str, float]:
         """Values of a result's bench."""
@@ -182,11 +207,18 @@ class BenchSearch:
         return {name: self.numbers.before[name] for name in self.numbers.names}
 
     def _searched(
-        self, image: CausticImage, told: Reconstruction, answer: FloatArray, progress: ProgressCallback | None
+        self,
+        image: CausticImage,
+        told: Reconstruction,
+        answer: FloatArray,
+        start: Mapping[str, float],
+        progress: ProgressCallback | None,
     ) -> tuple[dict[str, float], list[BenchStep], dict[str, float]]:
-        """Values, the steps to them, and their deviations."""
+        """Values, the steps to them from the start, and their deviations."""
         stepped = self._step_of(image, told)
-        values, heights, steps = dict(self._before), answer, []
+        values, heights, steps = dict(start), answer, []
+        if values != self._before:
+            heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
         sigma: dict[str, float] = {}
         was: dict[str, tuple[float, float]] = {}
         for turn in range(ROUNDS):
@@ -306,23 +338,49 @@ class BenchSearch:
             for p in self.numbers.parameters
         ]
         untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
-        return FoundBench((*found, *untold), is_kept, why, rounds)
+        return FoundBench((*found, *untold), is_kept, why, rounds, self.numbers.is_picture)
 
 
-def lengthened(value: float, move: float, sigma: float, was: tuple[float, float] | None) -> float:
-    """How far to go where one step says ``move``: to where steps end by the secant through this one and the last.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tried:
+    """What one search came to.
 
-    Args:
-        value: of a number of the bench.
-        move: of the step from there.
-        sigma: its standard deviation; what is within tells no secant.
-        was: value and move of the round before; None in the first.
+    Attributes:
+        told: heights on the bench that was told.
+        kept: the better of those and of what was found.
+        record: number by number.
+        used: values of the found bench, by name.
+        left: of the image there; infinite where no heights were found.
+        timings_s: of the search.
     """
-    if was is None or abs(move) < sigma or abs(value - was[0]) < sigma:
-        return FURTHER * move
-    slope = (move - was[1]) / (value - was[0])
-    longest = FURTHEST * abs(move)
-    return math.copysign(min(abs(move / slope), longest) if slope < 0 else longest, move)
+
+    told: Reconstruction
+    kept: Reconstruction
+    record: FoundBench
+    used: dict[str, float]
+    left: float
+    timings_s: dict[str, float]
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether heights are those of the found bench."""
+        return self.record.is_kept
+
+    def later(self, other: "_Tried") -> "_Tried":
+        """The same after another search that came to less; an interruption of that ends both."""
+        kept = self.kept
+        if other.kept.stop_reason == "interrupted":
+            kept = dataclasses.replace(kept, stop_reason="interrupted")
+        return dataclasses.replace(self, kept=kept)
+
+    def recorded(self) -> Reconstruction:
+        """The result, with the record of the bench."""
+        return dataclasses.replace(
+            self.kept,
+            timings_s=self.told.timings_s | self.timings_s,
+            counters=self.kept.counters | {"bench": self.record.record},
+            warnings=(*self.kept.warnings, *self.record.warnings()),
+        )
 
 
 def is_less(now: float, was: float, noise: float) -> bool:

@@ -12,6 +12,7 @@ well; b the brightness of each channel. Of light that converges the picture is s
 """
 
 import copy
+import dataclasses
 from collections.abc import Mapping
 from typing import Self
 
@@ -49,12 +50,14 @@ class BenchModel:
     ):
         self.numbers, self.pixels, self.device, self._blur = numbers, pixels, torch.device(device), blur
         self._flat = self._level(numbers.scene)
+        self._lamps = dataclasses.replace(numbers, is_picture=False)
+        """Small differences of size are simulated as those of a lamp, whatever they are of."""
         self._parameters = {p.name: p for p in numbers.parameters}
         self._as_of = 0.0
-        """Vergence of light whose picture is as large as images here; at most 0."""
+        """Vergence that the size of the picture looks like from which images here were brought back."""
 
     def in_size_of(self, values: Mapping[str, float]) -> Self:
-        """The same for images that were brought back from the size of the picture on a bench where light converges.
+        """The same for images that were brought back from the size of another bench's picture.
 
         A picture that is resampled is softer, by as much as its pixels lie between the old ones: what is off in size
         is told from that only where none of what is simulated is resampled. So images are brought back, once.
@@ -63,7 +66,8 @@ class BenchModel:
             values: of that bench's numbers, by name.
         """
         model = copy.copy(self)
-        model._as_of = min(values.get(VERGENCE, 0.0), 0.0)
+        vergence = values.get(VERGENCE, 0.0)
+        model._as_of = vergence if self.numbers.is_picture else min(vergence, 0.0)
         return model
 
     def image(self, heights: torch.Tensor, values: Mapping[str, float]) -> torch.Tensor:
@@ -77,7 +81,7 @@ class BenchModel:
             InputError: values that make no bench.
         """
         values, size = self._brought_back(values)
-        scene = self.numbers.scene_of(values)
+        scene = self._lamps.scene_of(values)
         simulator = CausticSimulator(in_units_of_radiosity(scene, self.pixels), "lattice", device=self.device)
         with torch.no_grad():
             light = simulator(heights.to(self.device)) * (self._flat / self._level(scene))
@@ -97,7 +101,7 @@ class BenchModel:
             values: where.
             image: there.
         """
-        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(self._brought_back(values)[0]), self.pixels))
+        steps = optical_steps(in_units_of_radiosity(self._lamps.scene_of(self._brought_back(values)[0]), self.pixels))
         columns = []
         for parameter in self.numbers.parameters:
             name, at = parameter.name, values[parameter.name]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.picture_size import lowest_vergence, picture_size
-from warp_caustics.found_bench.thin_relief import PICTURE
+from warp_caustics.found_bench.thin_relief import MAGNIFICATION, PICTURE
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_parameters, optical_values, with_optical_values
 from warp_caustics.setup.parameter import Parameter, chosen
@@ -45,6 +45,7 @@ class BenchNumbers:
         before: values by name: the told ones.
         not_told: numbers that no image tells, with what is believed of them.
         told_widths: how well numbers are known, by name, as the user says; 0 is exact.
+        is_picture: a vergence above 0, too, is not that of a lamp, but of a picture that is too large.
     """
 
     scene: Scene
@@ -52,6 +53,7 @@ class BenchNumbers:
     before: Mapping[str, float]
     not_told: tuple[Parameter, ...]
     told_widths: Mapping[str, float] = field(default_factory=dict)
+    is_picture: bool = False
 
     @classmethod
     def of(cls, scene: Scene, priors: Mapping[str, float] | None = None, ambient: float = 0.0) -> "BenchNumbers":
@@ -75,7 +77,7 @@ class BenchNumbers:
             name, width = next(iter(wrong.items()))
             raise InputError(f"prior width of {name} {width:g} is below 0; give 0 for a number that is known exactly")
         every = [replace(p, prior=widths[p.name]) if widths.get(p.name) else p for p in every]
-        if scene.is_collimated:
+        if scene.is_collimated and widths.get(MAGNIFICATION) != 0:
             lowest = lowest_vergence(scene)
             every = [replace(p, low=lowest) if p.name == VERGENCE else p for p in every]
         unknown = [p for p in every if widths.get(p.name) != 0]
@@ -103,7 +105,7 @@ class BenchNumbers:
             InputError: values that make no scene.
         """
         optical = {name: value for name, value in values.items() if name != AMBIENT}
-        if optical.get(VERGENCE, 0.0) < 0:
+        if self.is_picture or optical.get(VERGENCE, 0.0) < 0:
             optical[VERGENCE] = 0.0
         if all(value == self.before[name] for name, value in optical.items()):
             return self.scene
@@ -111,7 +113,14 @@ class BenchNumbers:
 
     def picture_size(self, values: Mapping[str, float]) -> float:
         """Of the picture over that of :meth:`scene_of` (:mod:`warp_caustics.found_bench.picture_size`)."""
-        return picture_size(self.scene, values.get(VERGENCE, 0.0))
+        vergence = values.get(VERGENCE, 0.0)
+        return picture_size(self.scene, vergence) if self.is_picture or vergence < 0 else 1.0
+
+    def of_picture(self) -> "BenchNumbers | None":
+        """The same with :attr:`is_picture`; None where no vergence is looked for, or the picture's size is told."""
+        if self.told_widths.get(MAGNIFICATION) == 0 or VERGENCE not in self.names or not self.scene.is_collimated:
+            return None
+        return replace(self, is_picture=True)
 
     def within(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values brought into the ranges of their numbers."""

@@ -1,9 +1,10 @@
 """What was found of a bench, number by number, for the record and for people."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from warp_caustics.found_bench.bench_numbers import WHY_NOT_TOLD
+from warp_caustics.found_bench.bench_numbers import VERGENCE, WHY_NOT_TOLD
 from warp_caustics.setup.parameter import Parameter
 
 SIGNIFICANT = 4.0
@@ -90,12 +91,14 @@ class FoundBench:
         is_kept: heights are those of the found bench.
         why: of that.
         rounds: steps that were taken.
+        is_picture: a vergence is that of a picture of another size, and not of a lamp.
     """
 
     numbers: tuple[FoundNumber, ...]
     is_kept: bool
     why: str
     rounds: int
+    is_picture: bool = False
 
     @property
     def record(self) -> dict[str, Any]:
@@ -105,6 +108,7 @@ class FoundBench:
             "is_kept": self.is_kept,
             "why": self.why,
             "rounds": self.rounds,
+            "is_picture": self.is_picture,
         }
 
     def warnings(self) -> list[str]:
@@ -126,7 +130,20 @@ class FoundBench:
 
     def _listed(self, verdict: Verdict) -> str:
         return ", ".join(
-            f"{n.name} {n.seen:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}"
+            f"{n.name} {n.seen:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}{self._remark(n)}"
             for n in self.numbers
             if n.verdict == verdict
         )
+
+    def _remark(self, number: FoundNumber) -> str:
+        """What a vergence is of that is no lamp's."""
+        if number.name != VERGENCE or number.seen is None:
+            return ""
+        if number.seen < 0:
+            return " (a picture that is too small, or light that converges)"
+        return " (a picture that is too large)" if self.is_picture else ""
+
+
+def is_picture_smaller(record: Mapping[str, Any]) -> bool:
+    """Whether heights are those of a picture that is too small, by :attr:`FoundBench.record`."""
+    return any(number["name"] == VERGENCE and number["found"] < 0 for number in record["numbers"])

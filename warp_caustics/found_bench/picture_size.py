@@ -1,9 +1,10 @@
-"""Pictures smaller than the plate's: of light that converges, or of a camera that was told corners too far out.
+"""Pictures of another size than the plate's: of a camera that was told wrong corners, or of light that converges.
 
 A lamp at the distance L = 1 / v enlarges a picture by A = 1 + D v, D = d / n + g / n_o the way of light through base
 and gap (:mod:`~warp_caustics.found_bench.thin_relief`), and so a picture that is too large looks as of a lamp nearby.
-Below v = 0 no point source is there to be simulated: light from straight above is, and its picture made A times as
-large. Heights of converging light and of a smaller picture differ by no more than 1 - A of themselves.
+Not quite: what is higher by h is enlarged by D + h / n, and the lamp leaves as much of an image of high lines as tells
+both apart. So of a picture light from straight above is simulated, and made A times as large. Below v = 0 it stands
+for light that converges as well, which no point source makes; heights differ by no more than 1 - A of themselves.
 """
 
 import torch
@@ -32,13 +33,13 @@ def lowest_vergence(scene: Scene) -> float:
 
 
 def picture_size(scene: Scene, vergence_per_m: float) -> float:
-    """A where light converges; 1 where it does not, for then it is in the simulation.
+    """A of a picture on a bench whose light is parallel.
 
     Args:
         scene: the bench, whose light is parallel.
-        vergence_per_m: v.
+        vergence_per_m: v that it looks like.
     """
-    return 1 + way_of_light_m(scene) * vergence_per_m if vergence_per_m < 0 else 1.0
+    return 1 + way_of_light_m(scene) * vergence_per_m
 
 
 def brought_back(scene: Scene, vergence_per_m: float, as_of_per_m: float) -> tuple[float, float]:

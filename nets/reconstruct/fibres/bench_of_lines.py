@@ -23,7 +23,7 @@ from nets.reconstruct.fibres.line_posterior import joint_covariance, misfit_weig
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
-from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
 from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.model import LineModel
@@ -46,11 +46,21 @@ LEAST_GAIN = 5e-3
 """Share by which the misfit must fall to go on."""
 
 
-def numbers_of_lines(numbers: BenchNumbers) -> BenchNumbers:
-    """With the numbers that lines tell besides those that heights do."""
+def numbers_of_lines(numbers: BenchNumbers, *, is_smaller: bool = False) -> BenchNumbers:
+    """With the numbers that lines tell besides those that heights do.
+
+    Args:
+        numbers: that heights tell.
+        is_smaller: the picture was found to be too small; else it is not taken for that, since a picture that is
+            brought back to its size by a part of a pixel is softer, which lines take for a wrong gap.
+    """
+    parameters = [
+        dataclasses.replace(p, low=0.0) if p.name == VERGENCE and not (is_smaller or numbers.is_picture) else p
+        for p in numbers.parameters
+    ]
     more = tuple(p for p in numbers.not_told if p.name in TOLD_BY_LINES)
     rest = tuple(p for p in numbers.not_told if p.name not in TOLD_BY_LINES)
-    return dataclasses.replace(numbers, parameters=(*numbers.parameters, *more), not_told=rest)
+    return dataclasses.replace(numbers, parameters=(*parameters, *more), not_told=rest)
 
 
 @dataclass(frozen=True)
@@ -144,7 +154,7 @@ def bench_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:
         number = FoundNumber.of(p, numbers.before[p.name], value, bench.sigma.get(p.name), is_used=True)
         found.append(dataclasses.replace(number, found=value))
     untold = [FoundNumber.not_told(p, numbers.before[p.name]) for p in numbers.not_told]
-    return FoundBench((*found, *untold), True, "lines explain the image better on it", ROUNDS)
+    return FoundBench((*found, *untold), True, "lines explain the image better on it", ROUNDS, numbers.is_picture)
 
 
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:

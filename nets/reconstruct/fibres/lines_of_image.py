@@ -31,6 +31,7 @@ from nets.reconstruct.network_io import network_result
 from nets.reconstruct.refinement import Refinement, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import (
     CausticImage,
@@ -103,7 +104,11 @@ class LinesOfImage:
             Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
         )
         numbers = method.network.numbers
-        self.numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
+        clear = BenchNumbers.of(numbers.scene, numbers.told_widths)
+        if bench is not None and bench[0]["is_picture"]:
+            clear = dataclasses.replace(clear, is_picture=True)
+        is_smaller = bench is not None and is_picture_smaller(bench[0])
+        self.numbers = numbers_of_lines(clear, is_smaller=is_smaller)
         """Beside an image that told stray light has been taken off."""
         self.is_elsewhere = bench is not None
         self.bench = Bench.told(self.numbers) if bench is None else Bench.found(self.numbers, *bench)

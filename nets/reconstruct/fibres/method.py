@@ -61,8 +61,10 @@ class Fibres(Reconstructor):
         self.options = self.options.on(self.device.type)
         self.finds_bench = (self.options.set_up or ("estimate" if is_gpu else "known")) == "estimate"
         self.takes_bench_as_told = self.options.set_up == "known"
-        self.looks_first = not is_gpu and not self.takes_bench_as_told and self.options.max_time_s is None
-        """Whether a bench that looks other is found without lines first: on a GPU both together take seconds."""
+        self.looks_first = not self.takes_bench_as_told and self.options.max_time_s is None
+        """Whether a bench that looks other is found without lines first."""
+        self.looks_only_for_size = is_gpu
+        """On a GPU only one whose picture looks too small: with lines all else takes seconds."""
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -85,7 +87,7 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run, direct = LinesOfImage(self, image, answer, started, progress), None
-        if self.looks_first and search.looks_other(image, answer, answer.heights_m):
+        if self.looks_first and search.looks_other(image, answer, answer.heights_m)[self.looks_only_for_size]:
             # Lines would be searched for in vain on a bench that is not there.
             run.leave()
             direct = self._by_network(run, measured, initial, progress)

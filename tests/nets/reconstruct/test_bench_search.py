@@ -1,16 +1,20 @@
 """Plate and bench together, with a network that answers what is true."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.bench_search import FURTHER, FURTHEST, ROUNDS, BenchSearch, is_less, lengthened
+from nets.reconstruct.bench_search import ROUNDS, BenchSearch, is_less
 from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import NetworkAnswers
+from nets.reconstruct.secant import FURTHER, FURTHEST, lengthened
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -29,11 +33,14 @@ def relief():
     return line_relief(LINES, 32, SCENE.plate_size_m)
 
 
-def taken(relief, noise=0.005, **values):
+def taken(relief, noise=0.005, is_picture=False, **values):
     """A capture on another bench, divided by its flat frame."""
-    numbers = BenchNumbers.of(SCENE)
+    numbers = dataclasses.replace(BenchNumbers.of(SCENE), is_picture=is_picture)
     model = BenchModel(numbers, SCENE.image_pixels, "cpu")
-    image = model.image(torch.tensor(relief, dtype=torch.float32), {**numbers.before, **values}).numpy()
+    values = {**numbers.before, **values}
+    size = numbers.picture_size(values)
+    image = model.in_size_of(values).image(torch.tensor(relief, dtype=torch.float32), values)
+    image = enlarged(image, size).numpy()
     image = image + noise * np.random.default_rng(0).standard_normal(image.shape)
     return CausticImage(image.astype(np.float32), np.full(3, noise))
 
@@ -72,7 +79,7 @@ def test_a_bench_that_is_as_told_leaves_the_result_as_it_is(truthful, relief):
 
 @pytest.mark.parametrize(
     ("name", "true", "within"),
-    [("vergence_per_m", 2.5, 0.5), (AMBIENT, 0.1, 0.01), ("screen_x_m", 3e-4, 2e-5)],
+    [("vergence_per_m", 2.5, 0.5), ("vergence_per_m", -2.5, 0.5), (AMBIENT, 0.1, 0.01), ("screen_x_m", 3e-4, 2e-5)],
 )
 def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, within):
     image = taken(relief, **{name: true})
@@ -96,6 +103,30 @@ def test_what_differs_is_found_warned_of_and_used(truthful, relief, name, true, 
     assert off < np.linalg.norm(told.image - image.irradiance) / np.linalg.norm(image.irradiance)
 
 
+@pytest.mark.parametrize(("is_picture", "true"), [(True, 4.0), (False, 4.0), (False, -2.5)])
+def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(truthful, relief, is_picture, true):
+    """What is high is enlarged more by a lamp; by 0.8 % here. A picture that is too small is no lamp's."""
+    image = taken(relief, is_picture=is_picture, vergence_per_m=true)
+    result = truthful(set_up="estimate").reconstruct(image)
+    assert result.counters["bench"]["is_kept"] and result.counters["bench"]["is_picture"] == is_picture
+    assert number(result, "vergence_per_m")["found"] == pytest.approx(true, abs=0.5)
+    assert 1e6 * np.sqrt(np.mean((result.heights_m - relief) ** 2)) < 2
+    remark = "too large" if is_picture else "too small" if true < 0 else None
+    assert any("(a picture that is" in line for line in result.warnings) == (remark is not None)
+    assert remark is None or any(remark in line for line in result.warnings)
+    off = np.linalg.norm(result.image - image.irradiance) / np.linalg.norm(image.irradiance)
+    assert off < 0.06, "the caustic that is shown has the image's size"
+
+
+def test_a_picture_whose_size_is_told_is_not_looked_for(truthful, relief):
+    """Nor is one below 0 found then; what its image looks like is for the rest of the image to say."""
+    told = {"set_up": "estimate", "priors": {"magnification": 0.0}}
+    large = truthful(**told).reconstruct(taken(relief, is_picture=True, vergence_per_m=4.0))
+    assert not large.counters["bench"]["is_picture"] and number(large, "vergence_per_m")["found"] > 2
+    small = truthful(**told).reconstruct(taken(relief, vergence_per_m=-2.5))
+    assert number(small, "vergence_per_m")["found"] == 0.0
+
+
 def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypatch, truthful, saved, relief):
     """Told at a glance; on a bench that is as told lines are looked for at once."""
     method = truthful()
@@ -105,7 +136,7 @@ def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypa
     told = [
         search.looks_other(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)
     ]
-    assert told == [False, True]
+    assert told == [(False, False), (True, False)]
 
     asked = []
     monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.LinesOfImage.fit", lambda self: asked.append(self))
@@ -179,7 +210,7 @@ def test_gap_and_base_are_not_told(truthful, relief):
 
 
 def test_a_bench_that_explains_nothing_better_is_not_kept(truthful, relief, monkeypatch):
-    def searched(self, image, told, answer, progress):
+    def searched(self, image, told, answer, start, progress):
         values = {**self._before, "vergence_per_m": 3.0}
         return values, [], dict.fromkeys(values, 1e-4)
 

@@ -243,7 +243,7 @@ def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answ
 
 def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image, answering):
     """At a glance it did; what was found without lines then is not looked for again, and lines are found as told."""
-    monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.looks_other", lambda *of: True)
+    monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.looks_other", lambda *of: (True, False))
     reconstruct, asked = Direct.reconstruct, []
     monkeypatch.setattr(Direct, "reconstruct", lambda self, *a, **o: asked.append(self) or reconstruct(self, *a, **o))
     truth = model.heights(LINES).double().numpy()
