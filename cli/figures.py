@@ -94,6 +94,7 @@ def add_bar(figure: Figure, drawn: Any, axes: Axes, label: str, **options: Any) 
 
 def write_figure(path: PathLike, figure: Figure) -> None:
     """Write a figure as an image (.png, .pdf, .svg), complete or not at all."""
-    options: dict[str, Any] = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if Path(path).suffix.lower() == ".png" else {}
+    is_png = Path(path).suffix.lower() == ".png"
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if is_png else {}
     with atomic_path(path) as temporary:
         figure.savefig(temporary, **options)
