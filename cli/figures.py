@@ -1,5 +1,6 @@
 """What all pictures share: how light is shown, a canvas without a screen, the plate in millimetres, files."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from warp_caustics.types import FloatArray
 BRIGHTEST_PERCENT = 99.5
 """Light at this percentile is white: caustic lines would otherwise leave the rest black."""
 DISPLAY_GAMMA = 2.2
+
+PNG_LEVEL = 4
+"""Of compression: files of a result are 2 % larger than at 6, which is usual, and written in half the time."""
 
 BAR_SHRINK = 0.82
 """Length of a colour bar, as part of the height that its panel may take."""
@@ -90,5 +94,7 @@ def add_bar(figure: Figure, drawn: Any, axes: Axes, label: str, **options: Any) 
 
 def write_figure(path: PathLike, figure: Figure) -> None:
     """Write a figure as an image (.png, .pdf, .svg), complete or not at all."""
+    is_png = Path(path).suffix.lower() == ".png"
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if is_png else {}
     with atomic_path(path) as temporary:
-        figure.savefig(temporary)
+        figure.savefig(temporary, **options)

@@ -7,6 +7,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
+from cli.garbage import postponed
 from cli.options import bench_option, config_options, device_option, json_option, number
 from cli.options import plate_length as length
 
@@ -76,6 +77,7 @@ SECTIONS = ("cosine", "quarter")
 @device_option
 @config_options
 @json_option
+@postponed()
 def inspect(
     images: tuple[str, ...],
     nominal: str,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cli.config import Config
 from cli.console import Console
+from cli.garbage import loaded
 from cli.inputs import Inputs, read_files, read_inputs
 from cli.output import result_folder
 from cli.results import RECONSTRUCTION, result_record, summary, write_results
@@ -69,7 +70,9 @@ class Job:
         Raises:
             InputError: unknown, or options that it does not know.
         """
-        return make_method(self.config, self.started_device)
+        method = make_method(self.config, self.started_device)
+        loaded()  # all that a reconstruction computes with
+        return method
 
     def run(self, image: str, target: Path, output: str) -> Outcome:
         """Reconstruct one image and write its result.

@@ -6,6 +6,7 @@ in a file. Nothing heavy is imported here nor at the top of a command's module,
 so that ``nsfc --help`` answers at once.
 """
 
+import atexit
 import importlib
 import os
 import signal
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 import rich_click as click
 
 from cli.failures import explained
+from cli.garbage import left_to_the_system
 from warp_caustics.errors import EXIT_INTERRUPTED, EXIT_TERMINATED, EXIT_USAGE, known_names
 from warp_caustics.signals import Restore, answered
 
@@ -26,6 +28,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # Warp; of what is left to NumPy, 100 x 4096 times 4096 x 100 numbers take one thread 2 ms, and two threads, where
 # others work, 130 ms and more.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Registered first, so that it comes after all that modules do as a process ends.
+atexit.register(left_to_the_system)
 
 COMMANDS = {
     "reconstruct": "cli.reconstruct:reconstruct",

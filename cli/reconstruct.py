@@ -7,6 +7,7 @@ import rich_click as click
 
 from cli.capture_options import capture_options
 from cli.console import Console
+from cli.garbage import postponed
 from cli.options import bench_option, config_options, count, device_option, integer, json_option, seconds
 from warp_caustics.errors import EXIT_INTERRUPTED
 
@@ -64,6 +65,7 @@ TRANSPORT = "transport"
 @device_option
 @config_options
 @json_option
+@postponed()
 def reconstruct(
     images: tuple[str, ...],
     output: str,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cli.config import Config, dump_config
+from cli.garbage import postponed
 from cli.inputs import Inputs
 from cli.output import ResultKind, write_print
 from cli.provenance import provenance
@@ -93,6 +94,7 @@ def uncertainty_record(result: "Reconstruction", reference: "FloatArray | None")
     return record
 
 
+@postponed()
 def write_results(
     folder: Path,
     result: "Reconstruction",

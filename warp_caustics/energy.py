@@ -66,8 +66,10 @@ def energy_budget(
                 through += torch.where(is_clear, 0.0, passed).sum(1)
             for fate in range(light.shape[1]):
                 is_fate = landed.fates[0] == fate
-                light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
-                paths[:, fate] += is_fate.sum(1)
+                count = is_fate.sum(1)
+                paths[:, fate] += count
+                if bool(count.any()):  # most fates are nobody's, and light that is none takes as long to add up
+                    light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
     pixel_x, pixel_y = scene.pixel_size_m
     if scene.is_collimated and not scene.is_tilted:
         emitted = torch.full((channels,), scene.plate_area_m2 / (pixel_x * pixel_y), dtype=torch.float64)

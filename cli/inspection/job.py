@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cli.console import Console
+from cli.garbage import loaded
 from cli.inputs import read_files, read_inputs
 from cli.inspection.files import INSPECTION, inspection_record, write_inspection
 from cli.output import result_folder
@@ -130,6 +131,7 @@ class InspectionJob:
 
             options = FromNominalOptions(**self.config.reconstruction.options)
             self._method = FromNominal(self.config.scene, options, start_device(self.device))
+            loaded()  # all that an inspection computes with
         return self._method
 
     def run(self, image: str, target: Path, output: str, force: bool = False) -> InspectionOutcome:
