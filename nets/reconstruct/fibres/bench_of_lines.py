@@ -234,6 +234,10 @@ class BenchOfLines:
                 break
         return lines, bench
 
+    def on(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
+        """Lines that explain the image better on a bench, which stays; shape [L, 6] [m]."""
+        return self.fit_on(bench).descend(lines, ITERATIONS, with_section=self.with_section).lines, bench
+
     def _descended(
         self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float
     ) -> tuple[torch.Tensor, FloatArray, FloatArray]:
@@ -267,6 +271,16 @@ class BenchOfLines:
         fit = self.fit_on(bench)
         beside = self._beside(fit, lines, bench, fit.loss(self.model.heights(lines)))
         return joint_covariance(fit, lines, beside, beside.weight)
+
+    def with_sigma(self, bench: Bench, covariance: FloatArray) -> Bench:
+        """A bench that knows how well it is known.
+
+        Args:
+            bench: where it was found.
+            covariance: of :meth:`covariance`.
+        """
+        deviations = np.sqrt(np.maximum(np.diag(covariance)[-len(self._widths) :], 0.0)) * self._widths
+        return dataclasses.replace(bench, sigma=dict(zip(self.numbers.names, deviations.tolist(), strict=False)))
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
         names, count = self.numbers.names, len(self.numbers.parameters)
