@@ -25,6 +25,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
+from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
@@ -40,6 +41,8 @@ ROUNDS = 5
 """Benches about which the image is linearised, at most."""
 ITERATIONS = 30
 """Of L-BFGS about each."""
+LEAST_TOLD = 5e-3
+"""Change of how far light is bent, relative to it, that people are told of: 5 um of a line 1 mm high."""
 LEAST_GAIN = 5e-3
 """Share by which the misfit must fall to go on."""
 
@@ -141,6 +144,19 @@ def bench_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:
         found.append(dataclasses.replace(number, found=value))
     untold = [FoundNumber.not_told(p, numbers.before[p.name]) for p in numbers.not_told]
     return FoundBench((*found, *untold), True, "lines explain the image better on it", ROUNDS)
+
+
+def bench_warnings(numbers: BenchNumbers, bench: Bench, record: FoundBench) -> list[str]:
+    """What the user should know, also where gap, base and index are other together and none of them by itself."""
+    told, found = (ThinRelief.of(each).linear for each in (numbers.scene, numbers.scene_of(bench.values)))
+    names = {number.name for number in record.numbers if number.verdict == "found"}
+    if names & set(TOLD_BY_LINES) or abs(found / told - 1) < LEAST_TOLD:
+        return record.warnings()
+    together = (
+        f"lines tell of a bench with {100 * (found / told - 1):+.1f} % on base, gap and index together, which of them "
+        "the image hardly says; heights are those on that bench: check it, or take --set-up known"
+    )
+    return [*record.warnings(), together]
 
 
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:

@@ -15,6 +15,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     BenchOfLines,
     as_measured,
     bench_record,
+    bench_warnings,
     numbers_of_lines,
     seen_on,
 )
@@ -198,7 +199,7 @@ class LinesOfImage:
                 "bench": record.record | {"light": self.bench.field.tolist()},
                 "losses": effects_of(view.scene),
             }
-            warnings += record.warnings()
+            warnings += bench_warnings(self.numbers, self.bench, record)
         uncertainty = None
         if answer.uncertainty_m is not None:
             is_asked = method.options.causes and not is_noise_left
