@@ -26,6 +26,7 @@ from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
 from warp_caustics.found_bench.picture_size import enlarged
+from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
@@ -42,6 +43,8 @@ ROUNDS = 5
 """Benches about which the image is linearised, at most."""
 ITERATIONS = 30
 """Of L-BFGS about each."""
+LEAST_TOLD = 5e-3
+"""Change of how far light is bent, relative to it, that people are told of: 5 um of a line 1 mm high."""
 LEAST_GAIN = 5e-3
 """Share by which the misfit must fall to go on."""
 
@@ -157,6 +160,19 @@ def bench_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:
     return FoundBench((*found, *untold), True, "lines explain the image better on it", ROUNDS, numbers.is_picture)
 
 
+def bench_warnings(numbers: BenchNumbers, bench: Bench, record: FoundBench) -> list[str]:
+    """What the user should know, also where gap, base and index are other together and none of them by itself."""
+    told, found = (ThinRelief.of(each).linear for each in (numbers.scene, numbers.scene_of(bench.values)))
+    names = {number.name for number in record.numbers if number.verdict == "found"}
+    if names & set(TOLD_BY_LINES) or abs(found / told - 1) < LEAST_TOLD:
+        return record.warnings()
+    together = (
+        f"lines tell of a bench with {100 * (found / told - 1):+.1f} % on base, gap and index together, which of them "
+        "the image hardly says; heights are those on that bench: check it, or take --set-up known"
+    )
+    return [*record.warnings(), together]
+
+
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
     """Light of a flat plate on the bench over that on the told one, shape [n_w, m, m]; 1 for parallel light."""
     told, found = numbers.scene, numbers.scene_of(bench.values)
@@ -248,6 +264,10 @@ class BenchOfLines:
                 break
         return lines, bench
 
+    def on(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
+        """Lines that explain the image better on a bench, which stays; shape [L, 6] [m]."""
+        return self.fit_on(bench).descend(lines, ITERATIONS, with_section=self.with_section).lines, bench
+
     def _descended(
         self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float
     ) -> tuple[torch.Tensor, FloatArray, FloatArray]:
@@ -282,6 +302,16 @@ class BenchOfLines:
         fit = self.fit_on(bench)
         beside = self._beside(fit, lines, bench, fit.loss(self.model.heights(lines)))
         return joint_covariance(fit, lines, beside, beside.weight)
+
+    def with_sigma(self, bench: Bench, covariance: FloatArray) -> Bench:
+        """A bench that knows how well it is known.
+
+        Args:
+            bench: where it was found.
+            covariance: of :meth:`covariance`.
+        """
+        deviations = np.sqrt(np.maximum(np.diag(covariance)[-len(self._widths) :], 0.0)) * self._widths
+        return dataclasses.replace(bench, sigma=dict(zip(self.numbers.names, deviations.tolist(), strict=False)))
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
         names, count = self.numbers.names, len(self.numbers.parameters)

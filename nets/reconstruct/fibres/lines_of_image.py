@@ -15,10 +15,12 @@ from nets.reconstruct.fibres.bench_of_lines import (
     BenchOfLines,
     as_measured,
     bench_record,
+    bench_warnings,
     numbers_of_lines,
     seen_on,
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -67,6 +69,7 @@ class FibresOf(Protocol):
     scene: Scene
     refinement: Refinement
     finds_bench: bool
+    takes_bench_as_told: bool
     finds_section: bool
 
 
@@ -140,8 +143,11 @@ class LinesOfImage:
         try:
             self._fit()
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
-            if len(self.lines) and not self.is_in_vain and self._asks_bench():
-                self._fit_with_bench()
+            if len(self.lines) and not self.is_in_vain:
+                if self._asks_gap():
+                    self._fit_with_gap()
+                if self._asks_bench():
+                    self._fit_with_bench()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
         last = "bench of lines" if "fibres" in self.timings else "fibres"
@@ -170,7 +176,12 @@ class LinesOfImage:
         if self.is_elsewhere:
             left = self.view.left(self.lines)
             return left is None or left <= FAR_OF_NOISE
-        return self.method.finds_bench and not self.told.is_explained(self.lines)
+        return self.method.finds_bench and not self.view.is_explained(self.lines)
+
+    def _asks_gap(self) -> bool:
+        """Whether the way of the light is looked for, which lines explain nearly as well when it is wrong."""
+        left = self.view.left(self.lines)
+        return not self.method.takes_bench_as_told and (left is None or left <= FAR_OF_NOISE)
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -193,7 +204,7 @@ class LinesOfImage:
                 "bench": record.record | {"light": self.bench.field.tolist()},
                 "losses": effects_of(view.scene),
             }
-            warnings += record.warnings()
+            warnings += bench_warnings(self.numbers, self.bench, record)
         uncertainty = None
         if answer.uncertainty_m is not None:
             is_asked = method.options.causes and not is_noise_left
@@ -275,6 +286,31 @@ class LinesOfImage:
         finally:
             self.lines = search.lines if len(search.lines) else start
             self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
+
+    def _fit_with_gap(self) -> None:
+        """Lines with gap, base and index as one number, where that is significantly other than told."""
+        kept = self.lines, self.view, self.bench, self.model.shape
+        settings: dict[str, Any] = {"with_section": self.moves_section, "report": self._note}
+        few, blur_px = usual_pixels(self.method.scene), self.view.blur_px
+        about = self.numbers, self.told.image, self.model, few, blur_px
+        try:
+            found = GapOfLines(*about, **settings)(self.lines, self.bench)
+            if found is None:
+                return
+            together = BenchOfLines(*about, **settings)
+            self.lines, self.bench = together.on(*found)
+            self.view = self._on(self.bench)
+            if not self.view.is_explained(self.lines):
+                self._search(self.view, self.lines, 1)
+        except KeyboardInterrupt:
+            self.lines, self.view, self.bench, self.model.shape = kept
+            raise
+        was, now = kept[1].left(kept[0]), self.view.left(self.lines)
+        if was is None or now is None or not now < (1.0 if is_explained(now) else BENCH_GAIN) * was:
+            self.lines, self.view, self.bench, self.model.shape = kept
+            return
+        self.covariance = together.covariance(self.lines, self.bench)
+        self.bench = together.with_sigma(self.bench, self.covariance)
 
     def _fit_with_bench(self) -> None:
         """Lines with the bench they tell, where that explains the image better."""

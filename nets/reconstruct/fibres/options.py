@@ -13,7 +13,8 @@ class FibresOptions(DirectOptions):
 
     A bench is looked for with lines (``set_up``) where these do not tell the image on a GPU, on a CPU if asked: of many
     lines it takes minutes there. Where the image looks as of another bench a CPU has ``direct`` find it, then looks for
-    lines there, and last for both together. Where lines do not tell the image ``direct`` looks for a bench on both.
+    lines there, and last for both together. How far light goes is asked of lines on both wherever they nearly explain
+    the image. Where lines do not tell the image ``direct`` looks for a bench on both.
     """
 
     profile: Section | Literal["found"] = "found"

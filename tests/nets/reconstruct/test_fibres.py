@@ -241,6 +241,34 @@ def test_the_bench_is_found_with_lines_that_do_not_explain_the_image(model, answ
     assert np.sqrt(np.mean((found.image - seen) ** 2)) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("options", "is_found"),
+    [
+        ({"priors": {"gap_m": 4e-4}}, True),
+        ({"priors": {"gap_m": 4e-4}, "set_up": "known"}, False),
+        ({"priors": {"gap_m": 0.0, "base_thickness_m": 0.0, "index_offset": 0.0}}, False),
+    ],
+)
+def test_a_gap_is_found_with_lines_that_explain_the_image_without_it(model, answering, options, is_found):
+    """By 300 um wider than told, on a CPU by default; so small a plate tells it to 20 um."""
+    truth = model.heights(LINES).double().numpy()
+    wide = with_optical_values(SCENE, {"gap_m": 3.01e-4})
+    shown = CausticSimulator(wide)(model.heights(LINES)).numpy()
+    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
+    method = answering(1.1 * truth, refine=False, jumps=0, **options)
+    method.looks_first = False
+    result = method.reconstruct(image)
+    error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
+    assert result.counters["explained_by"] == "fibres" and (error < 5) == is_found
+    assert ("bench" in result.counters) == is_found
+    if is_found:
+        bench = {number["name"]: number for number in result.counters["bench"]["numbers"]}
+        assert bench["gap_m"]["found"] == pytest.approx(3.01e-4, abs=6e-5)
+        assert bench["gap_m"]["sigma"] < 0.8 * bench["gap_m"]["prior"] and bench["screen_x_m"]["found"] == 0
+        assert any("gap" in warning for warning in result.warnings) and result.counters["bench"]["is_kept"]
+
+
 def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image, answering):
     """At a glance it did; what was found without lines then is not looked for again, and lines are found as told."""
     monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.looks_other", lambda *of: (True, False))
