@@ -17,8 +17,10 @@ from typing import Protocol, Self
 import numpy as np
 import torch
 
+from nets.reconstruct.far_pictures import far_start
 from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.secant import lengthened
+from nets.reconstruct.tried_bench import TriedBench
 from nets.shipped import FoundNetwork
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import CausticsError
@@ -104,11 +106,11 @@ class BenchSearch:
             KeyboardInterrupt: by ``progress``, before there are heights on another bench.
         """
         whole = time.perf_counter() - (told.history[-1]["elapsed_s"] if told.history else 0.0)
-        found = self._tried(image, told, answer, whole, self._before, progress)
-        pictures = self.numbers.of_picture()
+        found = self._tried(image, told, answer, whole, self.before, progress)
+        pictures = self.of_pictures()
         if found.is_kept and pictures is not None and found.used.get(VERGENCE, 0.0) > 0:
             # As of a lamp nearby, or of a picture that is too large: what is left of the image decides.
-            other = BenchSearch(self.method, pictures)._tried(image, told, answer, whole, found.used, progress)
+            other = pictures._tried(image, told, answer, whole, found.used, progress)
             found = other if other.is_kept and other.left < found.left else found.later(other)
         return found.recorded()
 
@@ -120,7 +122,7 @@ class BenchSearch:
         whole: float,
         start: Mapping[str, float],
         progress: ProgressCallback | None,
-    ) -> "_Tried":
+    ) -> TriedBench:
         """What a search from some values comes to.
 
         Args:
@@ -143,14 +145,14 @@ class BenchSearch:
         found = self._significant(values, sigma)
         timings = {"bench": time.perf_counter() - started}
         kept, is_kept, now = told, False, math.inf
-        if any(found[name] != self._before[name] for name in found):
+        if any(found[name] != self.before[name] for name in found):
             try:
                 later = following(progress, len(told.history) + len(steps), whole, "found bench, ")
                 other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, later)
             except CausticsError as error:
                 why = f"no heights can be found on that bench: {error}"
             else:
-                was, now = self._left(image, told, self._before), self._left(image, other, found)
+                was, now = self._left(image, told, self.before), self._left(image, other, found)
                 is_kept = is_less(now, was, self._noise_left(image, told))
                 why = f"what is left of the image {'fell' if is_kept else 'did not fall'} from {was:.3g} to {now:.3g}"
                 kept = self._as_measured(other, found) if is_kept else told
@@ -158,7 +160,7 @@ class BenchSearch:
                     kept = dataclasses.replace(kept, stop_reason="interrupted")
                 timings |= {f"{name} on the found bench": value for name, value in other.timings_s.items()}
         record = self._record(values, sigma, is_kept, why, len(steps))
-        return _Tried(told, kept, record, found, now, timings)
+        return TriedBench(told, kept, record, found, now, timings)
 
     def on_found(self, image: CausticImage, kept: Reconstruction) -> CausticImage:
         """The image as the bench shows it that was found for a result, and kept; as for a call."""
@@ -178,7 +180,7 @@ class BenchSearch:
         Arguments as for a call.
         """
         try:
-            step = self._step_of(image, told)(answer, self._before)
+            step = self._step_of(image, told)(answer, self.before)
         except CausticsError:
             return False, False
         is_off = self._is_off(step.values, step.sigma)
@@ -190,20 +192,33 @@ class BenchSearch:
             return image
         scene = self.method.scene
         ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
-        return self._as_on(image, self._before, ratio)
+        return self._as_on(image, self.before, ratio)
+
+    def answer(self, image: CausticImage, told: Reconstruction, values: Mapping[str, float]) -> FloatArray:
+        """Heights of the network on the bench of some values, not refined [m], shape [n, n]; as for a call."""
+        return self._on(values).answer(self.as_on(image, told, values))
+
+    def as_on(self, image: CausticImage, told: Reconstruction, values: Mapping[str, float]) -> CausticImage:
+        """The image as that bench shows it to networks; as for a call."""
+        return self._as_on(image, values, _exposure(told))
+
+    def of_pictures(self) -> "BenchSearch | None":
+        """For which a vergence is that of a picture; None where the picture's size is told."""
+        pictures = self.numbers.of_picture()
+        return None if pictures is None else BenchSearch(self.method, pictures)
 
     def _of(self, kept: Reconstruction) -> "BenchSearch":
         """The search that a result is of."""
-        pictures = self.numbers.of_picture() if kept.counters["bench"]["is_picture"] else None
-        return self if pictures is None else BenchSearch(self.method, pictures)
+        return (self.of_pictures() if kept.counters["bench"]["is_picture"] else None) or self
 
     def _of_record(self, kept: Reconstruction) -> dict[str, float]:
         """Values of a result's bench."""
         numbers = kept.counters["bench"]["numbers"]
-        return {number["name"]: number["found"] for number in numbers if number["name"] in self._before}
+        return {number["name"]: number["found"] for number in numbers if number["name"] in self.before}
 
     @property
-    def _before(self) -> dict[str, float]:
+    def before(self) -> dict[str, float]:
+        """Values that are told, by name."""
         return {name: self.numbers.before[name] for name in self.numbers.names}
 
     def _searched(
@@ -217,8 +232,8 @@ class BenchSearch:
         """Values, the steps to them from the start, and their deviations."""
         stepped = self._step_of(image, told)
         values, heights, steps = dict(start), answer, []
-        if values != self._before:
-            heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
+        if values != self.before:
+            heights = self.answer(image, told, values)
         sigma: dict[str, float] = {}
         was: dict[str, tuple[float, float]] = {}
         for turn in range(ROUNDS):
@@ -229,14 +244,28 @@ class BenchSearch:
             move = {name: step.values[name] - values[name] for name in values}
             sigma = {name: math.hypot(step.sigma[name], abs(move[name]) / 2) for name in values}
             is_there = not step.gain or all(abs(move[name]) < step.sigma[name] for name in values)
-            if is_there or (not turn and not self._is_off(step.values, step.sigma)):
+            is_near = not turn and not self._is_off(step.values, step.sigma)
+            far = self._far_start(image, told, answer) if is_near and start == self.before else None
+            if far is not None:
+                values = far
+                heights = self.answer(image, told, values)
+                continue
+            if is_there or is_near:
                 return step.values, steps, sigma
             further = {n: values[n] + lengthened(values[n], move[n], step.sigma[n], was.get(n)) for n in values}
             was = {name: (values[name], move[name]) for name in values}
             values = self.numbers.within(further if turn + 1 < ROUNDS else step.values)
             if turn + 1 < ROUNDS:
-                heights = self._on(values).answer(self._as_on(image, values, _exposure(told)))
+                heights = self.answer(image, told, values)
         return values, steps, sigma
+
+    def _far_start(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> dict[str, float] | None:
+        """Where to begin instead with a picture of quite another size; arguments as for a call."""
+        pictures = self.of_pictures()
+        if pictures is None:
+            return None
+        shown = _Shown(pictures, image, told)
+        return far_start(shown, self.numbers, self.method.simulator_of(told), _exposure(told), answer)
 
     def _step_of(
         self, image: CausticImage, told: Reconstruction
@@ -269,7 +298,7 @@ class BenchSearch:
     def _is_off(self, values: Mapping[str, float], sigma: Mapping[str, float]) -> bool:
         """Whether another round is worth its time."""
         return any(
-            abs(values[p.name] - self._before[p.name]) > WORTH * deviation(p, sigma[p.name])
+            abs(values[p.name] - self.before[p.name]) > WORTH * deviation(p, sigma[p.name])
             for p in self.numbers.parameters
         )
 
@@ -277,7 +306,7 @@ class BenchSearch:
         """Values that differ from what was told by more than they are uncertain; of others what was told."""
         return {
             name: values[name] if verdict_of(p, was, values[name], sigma.get(name)) == "found" else was
-            for p, (name, was) in zip(self.numbers.parameters, self._before.items(), strict=True)
+            for p, (name, was) in zip(self.numbers.parameters, self.before.items(), strict=True)
         }
 
     def _on(self, values: Mapping[str, float]) -> BenchMethod:
@@ -334,7 +363,7 @@ class BenchSearch:
         self, values: Mapping[str, float], sigma: Mapping[str, float], is_kept: bool, why: str, rounds: int
     ) -> FoundBench:
         found = [
-            FoundNumber.of(p, self._before[p.name], values[p.name], sigma.get(p.name), is_used=is_kept)
+            FoundNumber.of(p, self.before[p.name], values[p.name], sigma.get(p.name), is_used=is_kept)
             for p in self.numbers.parameters
         ]
         untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
@@ -342,45 +371,18 @@ class BenchSearch:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Tried:
-    """What one search came to.
+class _Shown:
+    """One image on benches of a search; see :class:`~nets.reconstruct.far_pictures.Pictures`."""
 
-    Attributes:
-        told: heights on the bench that was told.
-        kept: the better of those and of what was found.
-        record: number by number.
-        used: values of the found bench, by name.
-        left: of the image there; infinite where no heights were found.
-        timings_s: of the search.
-    """
-
+    search: BenchSearch
+    image: CausticImage
     told: Reconstruction
-    kept: Reconstruction
-    record: FoundBench
-    used: dict[str, float]
-    left: float
-    timings_s: dict[str, float]
 
-    @property
-    def is_kept(self) -> bool:
-        """Whether heights are those of the found bench."""
-        return self.record.is_kept
+    def seen(self, values: Mapping[str, float]) -> CausticImage:
+        return self.search.as_on(self.image, self.told, values)
 
-    def later(self, other: "_Tried") -> "_Tried":
-        """The same after another search that came to less; an interruption of that ends both."""
-        kept = self.kept
-        if other.kept.stop_reason == "interrupted":
-            kept = dataclasses.replace(kept, stop_reason="interrupted")
-        return dataclasses.replace(self, kept=kept)
-
-    def recorded(self) -> Reconstruction:
-        """The result, with the record of the bench."""
-        return dataclasses.replace(
-            self.kept,
-            timings_s=self.told.timings_s | self.timings_s,
-            counters=self.kept.counters | {"bench": self.record.record},
-            warnings=(*self.kept.warnings, *self.record.warnings()),
-        )
+    def answer(self, values: Mapping[str, float]) -> FloatArray:
+        return self.search.answer(self.image, self.told, values)
 
 
 def is_less(now: float, was: float, noise: float) -> bool:

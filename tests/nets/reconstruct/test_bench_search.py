@@ -14,6 +14,7 @@ from nets.reconstruct.secant import FURTHER, FURTHEST, lengthened
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_step import bench_step
 from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
@@ -118,6 +119,27 @@ def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(truthful, relief
     assert off < 0.06, "the caustic that is shown has the image's size"
 
 
+@pytest.mark.parametrize("true", [4.9, -4.9])
+def test_far_away_a_step_says_nothing_and_other_sizes_are_asked(truthful, relief, monkeypatch, true):
+    """As where heights have made up for all of it; on a bench that is as told nothing else is asked."""
+    asked = []
+
+    def step(model, heights, values, measurement, noise):
+        asked.append(values["vergence_per_m"])
+        found = bench_step(model, heights, values, measurement, noise)
+        far = abs(values["vergence_per_m"] - true) > 3
+        return dataclasses.replace(found, values=dict(values)) if far else found
+
+    monkeypatch.setattr("nets.reconstruct.bench_search.bench_step", step)
+    monkeypatch.setattr("nets.reconstruct.far_pictures.LEAST_LEFT", 0.0)  # few pixels, and heights that are right
+    result = truthful(set_up="estimate").reconstruct(taken(relief, is_picture=true > 0, vergence_per_m=true))
+    assert asked[0] == 0 and asked[1] == pytest.approx(np.sign(true) * 2.43, abs=0.01)
+    assert number(result, "vergence_per_m")["found"] == pytest.approx(true, abs=0.6)
+    asked.clear()
+    exact = truthful(set_up="estimate").reconstruct(taken(relief))
+    assert set(asked) == {0} and not exact.counters["bench"]["is_kept"]
+
+
 def test_a_picture_whose_size_is_told_is_not_looked_for(truthful, relief):
     """Nor is one below 0 found then; what its image looks like is for the rest of the image to say."""
     told = {"set_up": "estimate", "priors": {"magnification": 0.0}}
@@ -211,7 +233,7 @@ def test_gap_and_base_are_not_told(truthful, relief):
 
 def test_a_bench_that_explains_nothing_better_is_not_kept(truthful, relief, monkeypatch):
     def searched(self, image, told, answer, start, progress):
-        values = {**self._before, "vergence_per_m": 3.0}
+        values = {**self.before, "vergence_per_m": 3.0}
         return values, [], dict.fromkeys(values, 1e-4)
 
     monkeypatch.setattr(BenchSearch, "_searched", searched)
