@@ -76,6 +76,29 @@ def test_the_page_says_what_the_detector_is_worth():
         assert [float(value) for value in re.findall(r"\d+", within)] == pytest.approx(covered, abs=0.501)
 
 
+ON_GPU = json.loads(Path("benchmarks/trusted_h200.json").read_text())
+
+
+def test_the_page_says_what_a_gpus_results_are_worth():
+    """Its constants are those that ship; the rows of its table are those of the file."""
+    assert {file: pytest.approx(values) for file, values in ON_GPU["constants"].items()} == constants()
+    text = Path("docs/trust.md").read_text()
+    found = re.findall(
+        r"\| (\w+), H200 \| (\d+) \| (\d+), (\d+) \| (\d+), (\d+) % \| (\d+), (\d+) % \| ([\d.]+) \| (\d+) \| (\d+) \|",
+        text,
+    )
+    assert {name for name, *_ in found} == {row["row"] for row in ON_GPU["rows"]}
+    for name, *cells in found:
+        own = [row for row in ON_GPU["rows"] if row["row"] == name]
+        means = [np.mean([row[key] for row in own]) for key in ("rmse_um", "uncertainty_um")]
+        shares = [100 * np.mean([row[key] for row in own], axis=0) for key in ("within_relief", "without_bow")]
+        care = np.median([row["care"] for row in own])
+        counts = [sum(map(is_wrong, own)), sum(row["is_flagged"] for row in own)]
+        assert [float(cell) for cell in cells] == pytest.approx(
+            [len(own), *means, *shares[0], *shares[1], care, *counts], abs=0.501
+        )
+
+
 @pytest.mark.slow
 def test_its_plates_are_of_its_seed():
     one, same, other = (next(plates("nothing", 1, seed, "cpu"))[1] for seed in (5, 5, 6))
