@@ -190,12 +190,15 @@ def found_bench_lines(result: "Reconstruction") -> list[str]:
 
 def _number_line(number: Mapping[str, Any]) -> str:
     """What is used, and what the image says where that is another value."""
+    from warp_caustics.found_bench.bench_record import in_brackets
+
     unit = "" if number["unit"] == "1" else f" {number['unit']}"
     verdict = {
         "found": f"told {number['told']:.4g}",
         "in doubt": f"as told, in doubt: the image looks as of {number['seen'] or 0:.4g}",
     }.get(number["verdict"], number["verdict"])
-    return f"bench      {number['name']} {number['found']:.4g} +- {number['sigma']:.2g}{unit}, {verdict}"
+    value = f"{number['found']:.4g} +- {number['sigma']:.2g}{unit}"
+    return f"bench      {number['name']} {value}, {verdict}{in_brackets(number['why'])}"
 
 
 def _parts(parts: Mapping[str, Any] | None) -> str:

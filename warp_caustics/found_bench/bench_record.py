@@ -42,7 +42,7 @@ class FoundNumber:
         sigma: standard deviation.
         prior: of what was told.
         verdict: what the image says.
-        why: of a number that no image tells.
+        why: no image tells a number; or what a vergence is of, in records of a bench.
     """
 
     name: str
@@ -104,7 +104,7 @@ class FoundBench:
     def record(self) -> dict[str, Any]:
         """For a result's counters."""
         return {
-            "numbers": [asdict(number) for number in self.numbers],
+            "numbers": [asdict(number) | {"why": number.why or self._remark(number)} for number in self.numbers],
             "is_kept": self.is_kept,
             "why": self.why,
             "rounds": self.rounds,
@@ -130,18 +130,23 @@ class FoundBench:
 
     def _listed(self, verdict: Verdict) -> str:
         return ", ".join(
-            f"{n.name} {n.seen:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}{self._remark(n)}"
+            f"{n.name} {n.seen:.3g} +- {n.sigma:.1g} instead of {n.told:.3g}{in_brackets(self._remark(n))}"
             for n in self.numbers
             if n.verdict == verdict
         )
 
     def _remark(self, number: FoundNumber) -> str:
-        """What a vergence is of that is no lamp's."""
-        if number.name != VERGENCE or number.seen is None:
+        """What a vergence is of that is no lamp's, where it is another than told."""
+        if number.name != VERGENCE or number.seen is None or number.verdict not in ("found", "in doubt"):
             return ""
         if number.seen < 0:
-            return " (a picture that is too small, or light that converges)"
-        return " (a picture that is too large)" if self.is_picture else ""
+            return "a picture that is too small, or light that converges"
+        return "a picture that is too large" if self.is_picture and number.seen > 0 else ""
+
+
+def in_brackets(remark: str) -> str:
+    """After a space; nothing for an empty one."""
+    return f" ({remark})" if remark else ""
 
 
 def is_picture_smaller(record: Mapping[str, Any]) -> bool:

@@ -4,7 +4,7 @@ import pytest
 
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
-from warp_caustics.found_bench.bench_record import NOT_TOLD, FoundBench, FoundNumber, verdict_of
+from warp_caustics.found_bench.bench_record import NOT_TOLD, FoundBench, FoundNumber, is_picture_smaller, verdict_of
 from warp_caustics.found_bench.picture_size import lowest_vergence
 from warp_caustics.scene import Scene
 
@@ -78,3 +78,20 @@ def test_what_explains_nothing_better_is_in_doubt_and_not_used():
     assert "in doubt" in FoundBench((not_kept,), False, "why", 3).warnings()[0]
     assert not FoundBench((lost,), False, "why", 1).warnings()
     assert told.record["numbers"][0]["verdict"] == "found"
+
+
+@pytest.mark.parametrize(
+    ("seen", "is_picture", "why"),
+    [
+        (-3.0, False, "a picture that is too small, or light that converges"),
+        (3.0, True, "a picture that is too large"),
+        (3.0, False, ""),
+        (0.01, True, ""),
+    ],
+)
+def test_a_vergence_that_is_no_lamps_is_called_what_it_is(seen, is_picture, why):
+    number = FoundNumber.of(parameter("vergence_per_m"), 0.0, seen, 0.06, is_used=True)
+    found = FoundBench((number,), True, "less is left", 3, is_picture)
+    assert found.record["numbers"][0]["why"] == why and found.record["is_picture"] == is_picture
+    assert is_picture_smaller(found.record) == (seen < 0)
+    assert [f"instead of 0 ({why});" in line for line in found.warnings()] == ([True] if why else [False] * (seen > 1))
