@@ -12,16 +12,15 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Protocol, Self
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
+from nets.reconstruct.bench_method import BenchMethod
 from nets.reconstruct.far_pictures import far_start
-from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.secant import lengthened
 from nets.reconstruct.tried_bench import TriedBench
-from nets.shipped import FoundNetwork
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import CausticsError
 from warp_caustics.found_bench.bench_model import BenchModel
@@ -53,33 +52,6 @@ LEAST_GAIN = 0.02
 """Share by which what is left of the image beyond its noise must fall for a found bench to be kept."""
 
 
-class BenchMethod(Protocol):
-    """A network with its refinement on one bench, which can be taken to another."""
-
-    scene: Scene
-    device: torch.device
-    network: FoundNetwork
-    refinement: Refinement
-
-    def on_bench(self, scene: Scene) -> Self:
-        """The same on another bench.
-
-        Raises:
-            CausticsError: it serves none such.
-        """
-
-    def answer(self, image: CausticImage) -> FloatArray:
-        """Heights of the network before they are refined [m], shape [n, n]."""
-
-    def found(
-        self, image: CausticImage, initial: FloatArray | None = None, progress: ProgressCallback | None = None
-    ) -> Reconstruction:
-        """Heights refined on this bench, with their record."""
-
-    def simulator_of(self, found: Reconstruction) -> CausticSimulator:
-        """Of this bench, with the losses of light that were found."""
-
-
 class BenchSearch:
     """Looks for the bench of one image.
 
@@ -106,12 +78,13 @@ class BenchSearch:
             KeyboardInterrupt: by ``progress``, before there are heights on another bench.
         """
         whole = time.perf_counter() - (told.history[-1]["elapsed_s"] if told.history else 0.0)
-        found = self._tried(image, told, answer, whole, self.before, progress)
+        found = self._tried(image, told, answer, self.before, _Run(whole, len(told.history), progress))
         pictures = self.of_pictures()
         if found.is_kept and pictures is not None and found.used.get(VERGENCE, 0.0) > 0:
             # As of a lamp nearby, or of a picture that is too large: what is left of the image decides.
-            other = pictures._tried(image, told, answer, whole, found.used, progress)
-            found = other if other.is_kept and other.left < found.left else found.later(other)
+            begun = found.record.rounds + len(found.kept.history)
+            other = pictures._tried(image, told, answer, found.used, _Run(whole, begun, progress))
+            found = found.or_better(other)
         return found.recorded()
 
     def _tried(
@@ -119,9 +92,8 @@ class BenchSearch:
         image: CausticImage,
         told: Reconstruction,
         answer: FloatArray,
-        whole: float,
         start: Mapping[str, float],
-        progress: ProgressCallback | None,
+        run: "_Run",
     ) -> TriedBench:
         """What a search from some values comes to.
 
@@ -129,12 +101,11 @@ class BenchSearch:
             image: as it was measured.
             told: what was found on the bench that was told, refined.
             answer: heights of the network there [m], shape [n, n].
-            whole: when the run began, by ``time.perf_counter``.
             start: values of the numbers; heights are asked for anew where they are not the told ones.
-            progress: of the whole run.
+            run: so far.
         """
         started = time.perf_counter()
-        rounds = following(progress, len(told.history), whole)
+        rounds = following(run.progress, run.told, run.began)
         values, why = dict(start), "the image is explained as well by what was told"
         steps: list[BenchStep] = []
         try:
@@ -147,7 +118,7 @@ class BenchSearch:
         kept, is_kept, now = told, False, math.inf
         if any(found[name] != self.before[name] for name in found):
             try:
-                later = following(progress, len(told.history) + len(steps), whole, "found bench, ")
+                later = following(run.progress, run.told + len(steps), run.began, "found bench, ")
                 other = self._on(found).found(self._as_on(image, found, _exposure(told)), None, later)
             except CausticsError as error:
                 why = f"no heights can be found on that bench: {error}"
@@ -174,17 +145,15 @@ class BenchSearch:
         """Of that bench, with the losses of light that were found there."""
         return self.method_on(kept).simulator_of(kept)
 
-    def looks_other(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> tuple[bool, bool]:
-        """Whether the image shows at a glance, by one step, that the bench is not as told, and its picture too small.
-
-        Arguments as for a call.
-        """
+    def glance(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> "Glance":
+        """What the image shows of the bench by one step; arguments as for a call."""
         try:
             step = self._step_of(image, told)(answer, self.before)
         except CausticsError:
-            return False, False
-        is_off = self._is_off(step.values, step.sigma)
-        return is_off, is_off and step.values.get(VERGENCE, 0.0) < -WORTH * step.sigma.get(VERGENCE, 0.0)
+            return Glance(is_other=False, is_smaller=False)
+        is_other = self._is_off(step.values, step.sigma)
+        vergence = step.values.get(VERGENCE, 0.0)
+        return Glance(is_other, is_other and vergence < -WORTH * step.sigma.get(VERGENCE, 0.0))
 
     def cleared(self, image: CausticImage) -> CausticImage:
         """The image without the stray light that is told."""
@@ -368,6 +337,21 @@ class BenchSearch:
         ]
         untold = [FoundNumber.not_told(p, self.numbers.before[p.name]) for p in self.numbers.not_told]
         return FoundBench((*found, *untold), is_kept, why, rounds, self.numbers.is_picture)
+
+
+class Glance(NamedTuple):
+    """What an image shows by one step: another bench than told; and a picture that is too small on it."""
+
+    is_other: bool
+    is_smaller: bool
+
+
+class _Run(NamedTuple):
+    """When a run began, by ``time.perf_counter``, how many iterations it has told of, and whom it tells."""
+
+    began: float
+    told: int
+    progress: ProgressCallback | None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

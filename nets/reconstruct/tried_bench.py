@@ -31,12 +31,15 @@ class TriedBench:
         """Whether heights are those of the found bench."""
         return self.record.is_kept
 
-    def later(self, other: "TriedBench") -> "TriedBench":
-        """The same after another search that came to less; an interruption of that ends both."""
-        kept = self.kept
+    def or_better(self, other: "TriedBench") -> "TriedBench":
+        """What leaves less of the image, this or a later search, with the time of both; an interruption ends both."""
+        better = other if other.is_kept and other.left < self.left else self
+        kept = better.kept
         if other.kept.stop_reason == "interrupted":
             kept = dataclasses.replace(kept, stop_reason="interrupted")
-        return dataclasses.replace(self, kept=kept)
+        names = {**self.timings_s, **other.timings_s}
+        both = {name: self.timings_s.get(name, 0.0) + other.timings_s.get(name, 0.0) for name in names}
+        return dataclasses.replace(better, kept=kept, timings_s=both)
 
     def recorded(self) -> Reconstruction:
         """The result, with the record of the bench."""

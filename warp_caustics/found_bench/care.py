@@ -29,7 +29,7 @@ CAREFUL = {
 """Of light, camera and dirt beside a bench that was measured with care: ranges of configs/benches/careful.yaml; every
 lens blurs, so that the sharp one's own blur counts whole. Units of the causes' values."""
 TOLD_TIMES = 2.0
-"""S from which on the user is told: below, twice is what two signs of six are by chance."""
+"""S from which on the user is told: of eight signs of a careful bench two are as large by chance once in twenty."""
 SET_UP = "set-up"
 """The sign of place and lamp, which are one: a lamp that is nearer and aside moves the picture, too."""
 

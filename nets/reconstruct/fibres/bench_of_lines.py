@@ -18,7 +18,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
+from nets.reconstruct.fibres.image_fit import (
+    FINE_PHOTONS_PER_PIXEL,
+    METRIC_PHOTONS_PER_PIXEL,
+    Beside,
+    ImageFit,
+    of_wavelength,
+)
 from nets.reconstruct.fibres.line_posterior import joint_covariance, misfit_weight
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
@@ -219,14 +225,17 @@ class BenchOfLines:
         self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
         self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
 
-    def fit_on(self, bench: Bench) -> ImageFit:
-        """The misfit on a bench.
+    def fit_on(self, bench: Bench, channel: int | None = None) -> ImageFit:
+        """The misfit on a bench, of all wavelengths or of one.
 
         Raises:
             InputError: values that make no bench.
         """
         scene, image = self.numbers.scene_of(bench.values), seen_on(self.image, self.numbers, bench)
         blur_px = self.blur_px
+        if channel is not None:
+            image, scene = of_wavelength(image, scene, channel)
+            blur_px = blur_px[[channel]]
         metric = ImageFit(
             scene, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=blur_px
         )

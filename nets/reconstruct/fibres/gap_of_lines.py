@@ -15,30 +15,21 @@ the image tells hardly, and their joint covariance says so.
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import TOLD_BY_LINES, Bench, seen_on
-from nets.reconstruct.fibres.image_fit import (
-    FINE_PHOTONS_PER_PIXEL,
-    METRIC_PHOTONS_PER_PIXEL,
-    ImageFit,
-    clearest_wavelength,
-    of_wavelength,
-)
+from nets.reconstruct.fibres.bench_of_lines import TOLD_BY_LINES, Bench, BenchOfLines
+from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength
 from nets.reconstruct.fibres.line_posterior import misfit_weight
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.found_bench.thin_relief import ThinRelief
-from warp_caustics.prints.model import HEIGHT, LineModel, Shape
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.prints.model import HEIGHT, Shape
 from warp_caustics.scene import Scene
 from warp_caustics.setup.parameter import Parameter
-from warp_caustics.types import FloatArray
 
 FIRST_STEP = 0.0125
 """Of (n - 1) D, relative to it: heights as much lower, 4 to 10 um under usual lines, at the edge of what matters. Half
@@ -143,53 +134,23 @@ def vertex(left: Trial, middle: Trial, right: Trial) -> tuple[float, float]:
 
 
 class GapOfLines:
-    """Finds the bench along the valley.
+    """Finds the bench along the valley, at the wavelength that shows most.
 
     Args:
-        numbers: that are looked for; gap, base and index are moved where they are among them.
-        image: at an exposure of 1 and with its channels together.
-        model: renders lines.
-        few: size of the image for the metric of descents.
-        blur_px: standard deviation of the camera's blur [px], shape [n_w].
-        with_section: the model's section is found with the lines.
-        report: called after each evaluation with its loss; may raise.
+        together: misfits of the image on benches; of its numbers gap, base and index are moved.
     """
 
-    def __init__(
-        self,
-        numbers: BenchNumbers,
-        image: CausticImage,
-        model: LineModel,
-        few: int,
-        blur_px: FloatArray,
-        *,
-        with_section: bool = False,
-        report: Callable[[float], None] | None = None,
-    ):
-        self.numbers, self.image, self.model, self.few, self.blur_px = numbers, image, model, few, blur_px
-        self.with_section, self.report = with_section, report
-        self._channel = clearest_wavelength(image, numbers.scene)
+    def __init__(self, together: BenchOfLines):
+        self.together, self.numbers, self.model = together, together.numbers, together.model
+        self._channel = clearest_wavelength(together.image, together.numbers.scene)
 
     def fit_on(self, bench: Bench) -> ImageFit:
-        """The misfit on a bench at the wavelength that shows most: all pixels, since fewer look like another bench.
+        """The misfit on a bench: all pixels, since fewer look like another bench.
 
         Raises:
             InputError: values that make no bench.
         """
-        scene = self.numbers.scene_of(bench.values)
-        image, one = of_wavelength(seen_on(self.image, self.numbers, bench), scene, self._channel)
-        blur = self.blur_px[[self._channel]]
-        metric = ImageFit(one, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=blur)
-        return ImageFit(
-            one,
-            image,
-            self.model,
-            one.image_pixels,
-            photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
-            report=self.report,
-            metric=metric,
-            blur_px=blur,
-        )
+        return self.together.fit_on(bench, self._channel)
 
     def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench] | None:
         """Lines, shape [L, 6] [m], and the bench that they tell; None where that is the one they are on.
@@ -274,7 +235,7 @@ class _Valley:
         except InputError:
             return dataclasses.replace(near, share=share, loss=math.inf)
         model.shape = start.shape
-        found = fit.descend(start.lines, iterations, with_section=self.method.with_section)
+        found = fit.descend(start.lines, iterations, with_section=self.method.together.with_section)
         return Trial(share, start.bench, found.lines, model.shape, found.loss + self.believed(start.bench))
 
     def bracket(self, start: Trial, best: Trial) -> tuple[Trial, Trial, Trial]:

@@ -290,14 +290,11 @@ class LinesOfImage:
     def _fit_with_gap(self) -> None:
         """Lines with gap, base and index as one number, where that is significantly other than told."""
         kept = self.lines, self.view, self.bench, self.model.shape
-        settings: dict[str, Any] = {"with_section": self.moves_section, "report": self._note}
-        few, blur_px = usual_pixels(self.method.scene), self.view.blur_px
-        about = self.numbers, self.told.image, self.model, few, blur_px
+        together = self._together(self.view.blur_px)
         try:
-            found = GapOfLines(*about, **settings)(self.lines, self.bench)
+            found = GapOfLines(together)(self.lines, self.bench)
             if found is None:
                 return
-            together = BenchOfLines(*about, **settings)
             self.lines, self.bench = together.on(*found)
             self.view = self._on(self.bench)
             if not self.view.is_explained(self.lines):
@@ -314,7 +311,6 @@ class LinesOfImage:
 
     def _fit_with_bench(self) -> None:
         """Lines with the bench they tell, where that explains the image better."""
-        method = self.method
         for _ in range(BENCH_ROUNDS):
             kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
             blur_px = self.view.blur_px
@@ -322,15 +318,7 @@ class LinesOfImage:
             scene = with_losses(self.view.scene, partial(self._misfit, image, blur_px))
             told = self.numbers.scene.model_copy(update=effects_of(scene))
             self.numbers = dataclasses.replace(self.numbers, scene=told)
-            together = BenchOfLines(
-                self.numbers,
-                self.told.image,
-                self.model,
-                usual_pixels(method.scene),
-                blur_px,
-                with_section=self.moves_section,
-                report=self._note,
-            )
+            together = self._together(blur_px)
             try:
                 self.lines, self.bench = together(self.lines, self.bench)
                 self.view = self._on(self.bench)
@@ -347,6 +335,12 @@ class LinesOfImage:
             self.covariance = together.covariance(self.lines, self.bench)
             if is_explained(now):
                 return
+
+    def _together(self, blur_px: FloatArray) -> BenchOfLines:
+        """Finds bench and lines with a camera's blur [px], shape [n_w]."""
+        few = usual_pixels(self.method.scene)
+        about = self.numbers, self.told.image, self.model, few, blur_px
+        return BenchOfLines(*about, with_section=self.moves_section, report=self._note)
 
     def _misfit(self, image: CausticImage, blur_px: FloatArray, scene: Scene) -> float:
         """Of the lines so far in a scene, at its exposure."""

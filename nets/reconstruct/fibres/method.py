@@ -63,8 +63,8 @@ class Fibres(Reconstructor):
         self.takes_bench_as_told = self.options.set_up == "known"
         self.looks_first = not self.takes_bench_as_told and self.options.max_time_s is None
         """Whether a bench that looks other is found without lines first."""
-        self.looks_only_for_size = is_gpu
-        """On a GPU only one whose picture looks too small: with lines all else takes seconds."""
+        self.finds_other_with_lines = is_gpu
+        """But a picture that is too small: on a GPU bench and lines together take seconds."""
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -87,7 +87,8 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run, direct = LinesOfImage(self, image, answer, started, progress), None
-        if self.looks_first and search.looks_other(image, answer, answer.heights_m)[self.looks_only_for_size]:
+        glance = search.glance(image, answer, answer.heights_m) if self.looks_first else None
+        if glance is not None and (glance.is_smaller if self.finds_other_with_lines else glance.is_other):
             # Lines would be searched for in vain on a bench that is not there.
             run.leave()
             direct = self._by_network(run, measured, initial, progress)

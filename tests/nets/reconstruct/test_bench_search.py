@@ -155,9 +155,7 @@ def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypa
     as_told, moved = taken(relief), taken(relief, screen_x_m=3e-4)
     found = [method.found(image) for image in (as_told, moved)]
     search = BenchSearch(method, method.numbers)
-    told = [
-        search.looks_other(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)
-    ]
+    told = [search.glance(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)]
     assert told == [(False, False), (True, False)]
 
     asked = []

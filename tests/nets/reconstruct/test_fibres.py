@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import nets.reconstruct.network_answers as answers_module
+from nets.reconstruct.bench_search import Glance
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
@@ -271,7 +272,7 @@ def test_a_gap_is_found_with_lines_that_explain_the_image_without_it(model, answ
 
 def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image, answering):
     """At a glance it did; what was found without lines then is not looked for again, and lines are found as told."""
-    monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.looks_other", lambda *of: (True, False))
+    monkeypatch.setattr("nets.reconstruct.fibres.method.BenchSearch.glance", lambda *of: Glance(True, False))
     reconstruct, asked = Direct.reconstruct, []
     monkeypatch.setattr(Direct, "reconstruct", lambda self, *a, **o: asked.append(self) or reconstruct(self, *a, **o))
     truth = model.heights(LINES).double().numpy()

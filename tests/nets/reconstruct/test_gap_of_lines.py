@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, numbers_of_lines
+from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.gap_of_lines import FIRST_STEP, GapOfLines, Trial, along, on_other_bench, vertex
 from nets.reconstruct.fibres.image_fit import ImageFit
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -59,7 +59,7 @@ def error_um(model, lines):
 
 
 def found(model, image, told, report=None):
-    search = GapOfLines(told, image, model, 2 * N, SHARP, report=report)
+    search = GapOfLines(BenchOfLines(told, image, model, 2 * N, SHARP, report=report))
     return search(on_told_bench(model, image), Bench.told(told))
 
 
@@ -107,7 +107,7 @@ def test_an_interrupted_search_leaves_the_section(model):
         if len(calls) > 20:
             raise KeyboardInterrupt
 
-    search = GapOfLines(numbers(), image, model, 2 * N, SHARP, with_section=True, report=stop)
+    search = GapOfLines(BenchOfLines(numbers(), image, model, 2 * N, SHARP, with_section=True, report=stop))
     with pytest.raises(KeyboardInterrupt):
         search(on_told_bench(model, image), Bench.told(numbers()))
     assert model.shape == Shape(1.0)
