@@ -43,7 +43,7 @@ def overview_figure(
     title = "re-simulated - input, mean of wavelengths"
     difference = show_plate(panels[1, 1], scene, residual, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
     figure.colorbar(difference, cax=panels[1, 1].inset_axes(BAR), label="W/m$^2$", extend="both")
-    figure.suptitle(caption, y=0.998)
+    figure.suptitle(caption, y=0.99)
     return figure
 
 

@@ -1,5 +1,7 @@
 """The bench that lines tell, on a small scene."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -171,3 +173,31 @@ def test_a_bench_found_without_lines_is_that_of_an_image_without_told_stray_ligh
     assert bench.values["screen_x_m"] == 2e-4 and bench.sigma["screen_x_m"] == 5e-6
     assert set(bench.values) == set(numbers().names) and not bench.field.any()
     assert bench.values["gap_m"] == Bench.told(numbers()).values["gap_m"]
+
+
+@pytest.mark.parametrize("vergence", [-6.0, 6.0])
+def test_lines_are_found_in_a_picture_of_another_size(vergence):
+    """By a size that was found without them: lines see the picture as large as the plate, and results go back."""
+    is_large = vergence > 0
+    clear = dataclasses.replace(BenchNumbers.of(SCENE), is_picture=is_large)
+    looked_for = numbers_of_lines(clear, is_smaller=not is_large)
+    there = Bench({**Bench.told(looked_for).values, "vergence_per_m": vergence}, np.zeros(SCENE.n_wavelengths + 5))
+    shown = blurred(CausticSimulator(SCENE)(MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
+    measured = as_measured(shown.astype(np.float64), looked_for, there, np.ones(3))
+    assert np.sqrt(np.mean((measured - shown) ** 2)) > 5 * NOISE
+    image = CausticImage(measured.astype(np.float32), np.full(3, NOISE))
+    back = seen_on(image, looked_for, there).irradiance
+    assert np.sqrt(np.mean((back - shown)[:, 4:-4, 4:-4] ** 2)) < NOISE
+    as_told, together = (BenchOfLines(each, image, MODEL, 2 * N, BLUR) for each in (numbers(), looked_for))
+    wrong = as_told.fit_on(Bench.told(numbers())).descend(LINES + OFF, 40).lines
+    right = together.fit_on(there).descend(LINES + OFF, 40).lines
+    lines, bench = together(right, there)
+    assert error_um(wrong) > 5 * error_um(lines) and error_um(lines) < 2
+    assert bench.values["vergence_per_m"] == pytest.approx(vergence, abs=0.3)
+
+
+def test_lines_take_no_picture_for_smaller_that_was_not_found_so():
+    low = {p.name: p.low for p in numbers_of_lines(BenchNumbers.of(SCENE)).parameters}
+    assert low["vergence_per_m"] == 0
+    low = {p.name: p.low for p in numbers_of_lines(BenchNumbers.of(SCENE), is_smaller=True).parameters}
+    assert low["vergence_per_m"] < 0

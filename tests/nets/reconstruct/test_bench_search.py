@@ -11,13 +11,15 @@ from nets.reconstruct.direct import Direct, DirectOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.secant import FURTHER, FURTHEST, lengthened
+from nets.reconstruct.tried_bench import TriedBench
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_record import FoundBench
 from warp_caustics.found_bench.bench_step import bench_step
 from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.line import Line, line_relief
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=32, image_pixels=128)
@@ -333,6 +335,20 @@ def test_a_step_is_lengthened_to_where_the_secant_ends_within_limits():
 def test_what_is_within_its_deviation_tells_no_secant():
     assert lengthened(1.5, 0.05, 0.1, (0.0, 2.0)) == pytest.approx(FURTHER * 0.05)
     assert lengthened(0.05, 1.0, 0.1, (0.0, 2.0)) == pytest.approx(FURTHER)
+
+
+def tried(left, seconds, stop="converged", is_kept=True):
+    told = Reconstruction("direct", np.zeros((2, 2)), np.zeros((3, 2, 2)), 0.2, "converged", timings_s={"network": 1.0})
+    kept = dataclasses.replace(told, residual=left, stop_reason=stop)
+    return TriedBench(told, kept, FoundBench((), is_kept, "", 2), {}, left, {"bench": seconds})
+
+
+def test_of_two_searches_the_better_counts_and_the_time_of_both():
+    for first, second, better in ((0.1, 0.05, 0.05), (0.05, 0.1, 0.05)):
+        result = tried(first, 3.0).or_better(tried(second, 2.0)).recorded()
+        assert result.residual == better and result.timings_s == {"network": 1.0, "bench": 5.0}
+    assert tried(0.1, 3.0).or_better(tried(0.05, 2.0, is_kept=False)).kept.residual == 0.1
+    assert tried(0.05, 3.0).or_better(tried(0.1, 2.0, "interrupted")).kept.stop_reason == "interrupted"
 
 
 def test_options_are_checked():
