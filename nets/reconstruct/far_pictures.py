@@ -24,8 +24,8 @@ LEAST_LEFT = 0.2
 the answer did: nine plates of a development seed on benches as told, or nearly, leave 0.11 to 0.31, four with a picture
 1 % too large 0.31 to 0.34."""
 MUCH_LESS = 0.95
-"""Of what is left at the told size, at most, to begin elsewhere: on the wrong side two plates leave 0.99 and 1.02 of it,
-0.84 and 0.90 on the right one."""
+"""Of what is left at the told size, at most, to begin elsewhere: of two plates on the wrong side 0.99 and 1.02 of it,
+on the right one 0.84 and 0.90."""
 
 
 class Pictures(Protocol):
