@@ -160,7 +160,7 @@ class BenchSearch:
         if not self.numbers.before[AMBIENT]:
             return image
         scene = self.method.scene
-        ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device))
+        ratio = light_ratio(measurement_at(image, scene, scene.image_pixels, self.method.device, made_up=True))
         return self._as_on(image, self.before, ratio)
 
     def answer(self, image: CausticImage, told: Reconstruction, values: Mapping[str, float]) -> FloatArray:

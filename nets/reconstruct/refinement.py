@@ -13,7 +13,7 @@ from typing import Annotated, Any, Self
 import torch
 from pydantic import Field
 
-from warp_caustics.reconstruct.base import ProgressCallback, StopReason
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, StopReason
 from warp_caustics.reconstruct.pyramid import level_sizes, measurement_at, simulator_at
 from warp_caustics.reconstruct.refine.height_descent import HeightDescent
 from warp_caustics.reconstruct.refine.options import RefineOptions
@@ -21,6 +21,7 @@ from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, note_evaluation, why_stopped
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
@@ -41,6 +42,10 @@ plates 9 to 18 um wrong 0.1 um of the 1.5 to 4.5 um that they gain (earlier weig
 LEAST_GAIN_BESIDE_CAMERA = 0.06
 """Share by which the residual must fall to keep a refinement where a camera was found. A plate right to 1.9 um, seen
 with a blur of 1 px, became 2.4 um wrong while the residual fell by 5 %; plates 9 to 30 um wrong mostly fall by more."""
+
+
+PHOTONS_PER_OWN_PIXEL = 2
+"""Simulated by a CPU where all pixels are looked at, of which colour filters leave a third: half as many as usual."""
 
 
 class RefinementOptions(Strict):
@@ -98,7 +103,8 @@ class Refined:
 class Refinement:
     """Refines reliefs of one scene, image after image.
 
-    At one image size: from a start this near, coarser ones would only blur.
+    At one image size: from a start this near, coarser ones would only blur. At all pixels where colour filters left
+    some to be made up: what is binned is partly made up everywhere.
 
     Args:
         scene: of the measurement.
@@ -118,8 +124,21 @@ class Refinement:
 
     @cached_property
     def _descent(self) -> HeightDescent:
-        simulator = simulator_at(self.scene, self.pixels, self.device)
+        return self._descending(simulator_at(self.scene, self.pixels, self.device))
+
+    @cached_property
+    def _descent_on_all(self) -> HeightDescent:
+        """At all pixels."""
+        photons = None if self.device.type == "cuda" else PHOTONS_PER_OWN_PIXEL
+        return self._descending(simulator_at(self.scene, self.scene.image_pixels, self.device, photons))
+
+    def _descending(self, simulator: CausticSimulator) -> HeightDescent:
         return HeightDescent(simulator, self.refine, in_turn=self.device.type == "cpu")
+
+    def pixels_for(self, image: CausticImage) -> int:
+        """Pixels per side at which an image is refined."""
+        is_mosaic = image.own is not None and self.options.refine_pixels is None
+        return self.scene.image_pixels if is_mosaic else self.pixels
 
     def __call__(
         self,
@@ -145,25 +164,25 @@ class Refinement:
         left = None if self.options.max_time_s is None else self.options.max_time_s - elapsed_s
         if left is not None and left <= 0:
             return None
-        log = RunLog(self._descent.steps, progress, left, self.refine.discrepancy)
+        pixels = self.pixels_for(resimulation.image)
+        descent = self._descent if pixels == self.pixels else self._descent_on_all
+        log = RunLog(descent.steps, progress, left, self.refine.discrepancy)
         before, camera = resimulation(heights).residual, resimulation.camera
-        measurement = measurement_at(
-            resimulation.image, self.scene, self.pixels, self.device, self.refine.border_pixels
-        )
-        blur = blur_matrices(self.pixels, camera.blur_at(self.pixels), self.device) if camera.blurs else None
-        note = partial(note_evaluation, log, f"{self.pixels} x {self.pixels} pixels")
+        measurement = measurement_at(resimulation.image, self.scene, pixels, self.device, self.refine.border_pixels)
+        blur = blur_matrices(pixels, camera.blur_at(pixels), self.device) if camera.blurs else None
+        note = partial(note_evaluation, log, f"{pixels} x {pixels} pixels")
         reason: StopReason = "max_iterations"
         try:
-            self._descent.run(measurement, heights, note, blur)
+            descent.run(measurement, heights, note, blur)
         except KeyboardInterrupt as stop:
             reason = why_stopped(stop)
-        found = self._descent.best_heights()
+        found = descent.best_heights()
         if spread is not None:
             trusted = (TRUSTED_M if camera.is_perfect else TRUSTED_BESIDE_CAMERA_M) / self.scale
             found = heights + (found - heights) * spread**2 / (spread**2 + trusted**2)
         least_gain = 0.0 if camera.is_perfect else LEAST_GAIN_BESIDE_CAMERA
         is_better = resimulation(found).residual < (1 - least_gain) * before
-        return Refined(found if is_better else heights, is_better, reason, log.history, self.pixels)
+        return Refined(found if is_better else heights, is_better, reason, log.history, pixels)
 
 
 def outcome(found: Refined | None) -> str:

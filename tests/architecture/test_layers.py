@@ -41,6 +41,7 @@ LAYERS = {
         "trust",
         "rest",
         "base",
+        "colour_filters",
         "exposure folds volume pyramid run_log",
         "seen_camera",
         "result",

@@ -30,11 +30,15 @@ class CausticImage:
             wavelength [W/m^2], shape [n_w]; None if unknown.
         mask: False where a pixel must be ignored (saturated, dead), shape [n_w, m, m]; what it holds, no number even,
             does not matter (but a network is shown one that is brighter than its neighbours). None if all pixels count.
+        own: True where a colour sensor measured a channel behind its own filter, shape [n_w, m, m]; others were made up
+            from their neighbours, and are not compared with a simulation of all pixels. None if all were measured, or
+            nobody knows: methods then look for colour filters (:mod:`~warp_caustics.reconstruct.colour_filters`).
     """
 
     irradiance: FloatArray
     noise_std: FloatArray | None = None
     mask: npt.NDArray[np.bool_] | None = None
+    own: npt.NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.irradiance.shape))

@@ -11,6 +11,7 @@ import torch
 
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.colour_filters import found_pattern, own_pixels
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -24,7 +25,8 @@ def check_image(image: CausticImage, scene: Scene) -> CausticImage:
     """Refuse an image that does not belong to the scene.
 
     Returns:
-        The image as methods take it: masked pixels that hold no number are dark.
+        The image as methods take it: masked pixels that hold no number are dark, and pixels that were made up behind a
+        sensor's colour filters are known.
 
     Raises:
         MismatchError: wrong number of wavelengths or pixels, or a mask of another shape.
@@ -51,9 +53,10 @@ def check_image(image: CausticImage, scene: Scene) -> CausticImage:
     mean = float(image.irradiance[is_counted].mean())
     if mean <= 0:
         raise InputError(f"image has mean {mean:g} W/m^2, above 0 it must be: nothing to see; check the dark frame")
-    if is_finite.all() and (mask is None or mask is image.mask):
-        return image
-    return dataclasses.replace(image, irradiance=np.where(is_finite, image.irradiance, 0), mask=mask)
+    if not is_finite.all() or not (mask is None or mask is image.mask):
+        image = dataclasses.replace(image, irradiance=np.where(is_finite, image.irradiance, 0), mask=mask)
+    pattern = found_pattern(image.irradiance) if image.own is None else None
+    return image if pattern is None else dataclasses.replace(image, own=own_pixels(pattern, expected[-1]))
 
 
 def check_initial(initial: FloatArray, scene: Scene) -> None:
@@ -74,11 +77,18 @@ def check_initial(initial: FloatArray, scene: Scene) -> None:
 
 
 def measurement_at(
-    image: CausticImage, scene: Scene, pixels: int, device: torch.device, border: int = 0
+    image: CausticImage, scene: Scene, pixels: int, device: torch.device, border: int = 0, *, made_up: bool = False
 ) -> Measurement:
     """The caustic binned to pixels x pixels, in units of the radiosity.
 
-    ``pixels`` must divide the image; the outermost ``border`` pixels do not count.
+    Args:
+        image: what was measured.
+        scene: of the measurement.
+        pixels: along a side; must divide the image's.
+        device: where to put it.
+        border: outermost pixels that do not count.
+        made_up: pixels count, too, that colour filters left to be made up; they do wherever pixels are binned, for
+            each then has some that was measured.
     """
     m = image.irradiance.shape[-1]
     factor = m // pixels
@@ -88,6 +98,8 @@ def measurement_at(
     mask = (shines > 0).expand(relative.shape)
     if image.mask is not None:
         mask = mask & torch.as_tensor(image.mask, device=device)
+    if image.own is not None and factor == 1 and not made_up:
+        mask = mask & torch.as_tensor(image.own, device=device)
     relative = torch.where(mask, relative, 0.0)
 
     def binned(values: torch.Tensor) -> torch.Tensor:

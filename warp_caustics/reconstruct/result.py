@@ -15,6 +15,7 @@ from warp_caustics.energy import energy_budget
 from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
+from warp_caustics.reconstruct.colour_filters import of_one_filter, pattern_of
 from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.pyramid import judged_pixels, measurement_at, simulator_at
@@ -22,6 +23,7 @@ from warp_caustics.reconstruct.rest import Rest
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.channel_registration import registered
+from warp_caustics.reconstruct.seen_camera.mosaic_registration import registered_through_filters
 from warp_caustics.reconstruct.trust import Seen, Trust, image_trust, seen_by_camera
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
@@ -52,6 +54,7 @@ class Resimulation:
     Attributes:
         image: what would have been measured at an exposure of 1, by a camera whose channels lie together.
         camera: that took the image; a perfect one unless :meth:`through` was told another.
+        mosaic: name of its sensor's colour filters, such as rggb; None for none.
     """
 
     REMEMBERED = 3
@@ -61,11 +64,15 @@ class Resimulation:
         self.simulator, self._given = simulator, image
         self.exposure = np.ones(simulator.scene.n_wavelengths) if exposure is None else exposure
         self.image = image if exposure is None else at_nominal(image, exposure)
-        self.measurement = measurement_at(self.image, simulator.scene, simulator.scene.image_pixels, simulator.device)
+        about = self.image, simulator.scene, simulator.scene.image_pixels, simulator.device
+        self.measurement = measurement_at(*about)
+        self._pictured = self.measurement if image.own is None else measurement_at(*about, made_up=True)
+        """With pixels that were made up, for what looks at the whole picture."""
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
         self._known: list[tuple[FloatArray, torch.Tensor]] = []
         self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+        self.mosaic = None if image.own is None else pattern_of(image.own)
         self._blur: torch.Tensor | None = None
 
     def __call__(self, heights: FloatArray) -> Resimulated:
@@ -178,7 +185,10 @@ class Resimulation:
 
     def found_camera(self, heights: FloatArray) -> ChannelCamera:
         """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n]."""
-        return registered(self.measurement, self._simulated(heights) / self._radiosity)
+        simulated = self._simulated(heights) / self._radiosity
+        if self.image.own is not None:
+            return registered_through_filters(self._pictured, simulated, self.image.own)
+        return registered(self.measurement, simulated)
 
     def through(self, camera: ChannelCamera) -> "Resimulation":
         """The same with a camera: the image with its channels together, residuals of blurred caustics.
@@ -190,7 +200,7 @@ class Resimulation:
         device = self.simulator.device
         image = channels_together(self.image, camera, device) if camera.displaces else self.image
         seen = Resimulation(self.simulator, image)
-        seen.exposure, seen.camera, seen._known = self.exposure, camera, self._known
+        seen.exposure, seen.camera, seen._known, seen.mosaic = self.exposure, camera, self._known, self.mosaic
         if camera.blurs:
             seen._blur = blur_matrices(camera.pixels, camera.blur, device)
         return seen
@@ -202,9 +212,9 @@ class Resimulation:
             heights: relief [m], shape [n, n]; a flat plate if None, but a relief may send more light beside the screen.
             least: smaller deviations are left alone.
         """
-        ratio = light_ratio(self.measurement)
+        ratio = light_ratio(self._pictured)
         if heights is not None:
-            ratio = agreed_ratio(light_ratio(self.measurement, self(heights).image / self._radiosity), ratio)
+            ratio = agreed_ratio(light_ratio(self._pictured, self(heights).image / self._radiosity), ratio)
         if not is_exposure(ratio, least):
             return self
         return Resimulation(self.simulator, self._given, self.exposure * ratio)
@@ -224,6 +234,9 @@ def estimated_noise(image: CausticImage, scene: Scene) -> FloatArray | None:
         if level > 0:
             valid = None if image.mask is None else np.asarray(image.mask[channel], bool)
             values = np.asarray(image.irradiance[channel], np.float64)
+            if image.own is not None:  # means of neighbours have less noise
+                measured = of_one_filter(image.own[channel])
+                valid, values = None if valid is None else valid[measured], values[measured]
             # At least what 32-bit floats resolve: an image without noise has some.
             found[channel] = max(estimate_noise_std(values, level, valid), 1e-6 * level)
     shines = np.asarray(scene.radiosity_W_m2) > 0
@@ -288,7 +301,7 @@ def make_result(
         stop_reason=reason,
         history=history,
         timings_s=timings | {"resimulation": time.perf_counter() - started},
-        counters=counters | {"energy": energy},
+        counters=counters | {"energy": energy} | ({"mosaic": mosaic} if (mosaic := resimulation.mosaic) else {}),
         settings={"simulation": simulator.settings()} | settings,
         warnings=(*warnings, *(() if advice is None else advice(residual))),
         uncertainty_m=uncertainty,

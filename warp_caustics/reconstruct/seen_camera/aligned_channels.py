@@ -7,6 +7,7 @@ import scipy  # loads its parts when they are first used
 import torch
 
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.colour_filters import moved_pixels
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import resampling_matrix
 from warp_caustics.types import FloatArray
@@ -42,6 +43,7 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
     values, mask = repaired(image), image.mask
     irradiance = np.array(values)
     kept = None if mask is None else mask.copy()
+    own = None if image.own is None else image.own.copy()
     pixels = values.shape[-1]
     for channel, ((x, y), scale) in enumerate(zip(camera.shift, camera.scale, strict=True)):
         if x == y == scale == 0:
@@ -51,10 +53,12 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
         along_x, along_y = resampling_matrix(pixels, moved, back).to(device)
         picture = torch.as_tensor(values[channel], device=device)
         irradiance[channel] = (along_y @ picture @ along_x.T).cpu().numpy()
+        if own is not None:
+            own[channel] = moved_pixels(own[channel], (x, y), scale)
         if kept is not None and mask is not None:
             gaps = torch.as_tensor(~mask[channel], dtype=torch.float64, device=device)
             kept[channel] = (along_y.abs() @ gaps @ along_x.abs().T < SPOILED).cpu().numpy()
-    return CausticImage(irradiance, image.noise_std, kept)
+    return CausticImage(irradiance, image.noise_std, kept, own)
 
 
 def of_size(image: CausticImage, size: float, device: torch.device | str) -> CausticImage:
