@@ -137,8 +137,8 @@ class Refinement:
 
     def pixels_for(self, image: CausticImage) -> int:
         """Pixels per side at which an image is refined."""
-        is_mosaic = image.own is not None and self.options.refine_pixels is None
-        return self.scene.image_pixels if is_mosaic else self.pixels
+        is_free = self.options.refine_pixels is None
+        return self.scene.image_pixels if image.is_mosaic and is_free else self.pixels
 
     def __call__(
         self,

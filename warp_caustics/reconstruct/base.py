@@ -31,14 +31,20 @@ class CausticImage:
         mask: False where a pixel must be ignored (saturated, dead), shape [n_w, m, m]; what it holds, no number even,
             does not matter (but a network is shown one that is brighter than its neighbours). None if all pixels count.
         own: True where a colour sensor measured a channel behind its own filter, shape [n_w, m, m]; others were made up
-            from their neighbours, and are not compared with a simulation of all pixels. None if all were measured, or
-            nobody knows: methods then look for colour filters (:mod:`~warp_caustics.reconstruct.colour_filters`).
+            from their neighbours, and are not compared with a simulation of all pixels. True everywhere if all were
+            measured. None if nobody knows: methods then look for colour filters
+            (:mod:`~warp_caustics.reconstruct.colour_filters`).
     """
 
     irradiance: FloatArray
     noise_std: FloatArray | None = None
     mask: npt.NDArray[np.bool_] | None = None
     own: npt.NDArray[np.bool_] | None = None
+
+    @functools.cached_property
+    def is_mosaic(self) -> bool:
+        """Whether pixels were made up between those behind colour filters."""
+        return self.own is not None and not self.own.all()
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.irradiance.shape))

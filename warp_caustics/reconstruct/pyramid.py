@@ -98,7 +98,7 @@ def measurement_at(
     mask = (shines > 0).expand(relative.shape)
     if image.mask is not None:
         mask = mask & torch.as_tensor(image.mask, device=device)
-    if image.own is not None and factor == 1 and not made_up:
+    if image.own is not None and image.is_mosaic and factor == 1 and not made_up:
         mask = mask & torch.as_tensor(image.own, device=device)
     relative = torch.where(mask, relative, 0.0)
 

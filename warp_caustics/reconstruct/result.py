@@ -66,13 +66,13 @@ class Resimulation:
         self.image = image if exposure is None else at_nominal(image, exposure)
         about = self.image, simulator.scene, simulator.scene.image_pixels, simulator.device
         self.measurement = measurement_at(*about)
-        self._pictured = self.measurement if image.own is None else measurement_at(*about, made_up=True)
+        self._pictured = measurement_at(*about, made_up=True) if image.is_mosaic else self.measurement
         """With pixels that were made up, for what looks at the whole picture."""
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
         self._known: list[tuple[FloatArray, torch.Tensor]] = []
         self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
-        self.mosaic = None if image.own is None else pattern_of(image.own)
+        self.mosaic = pattern_of(image.own) if image.is_mosaic and image.own is not None else None
         self._blur: torch.Tensor | None = None
 
     def __call__(self, heights: FloatArray) -> Resimulated:
@@ -186,7 +186,7 @@ class Resimulation:
     def found_camera(self, heights: FloatArray) -> ChannelCamera:
         """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n]."""
         simulated = self._simulated(heights) / self._radiosity
-        if self.image.own is not None:
+        if self.image.is_mosaic and self.image.own is not None:
             return registered_through_filters(self._pictured, simulated, self.image.own)
         return registered(self.measurement, simulated)
 
@@ -234,7 +234,7 @@ def estimated_noise(image: CausticImage, scene: Scene) -> FloatArray | None:
         if level > 0:
             valid = None if image.mask is None else np.asarray(image.mask[channel], bool)
             values = np.asarray(image.irradiance[channel], np.float64)
-            if image.own is not None:  # means of neighbours have less noise
+            if image.is_mosaic and image.own is not None:  # means of neighbours have less noise
                 measured = of_one_filter(image.own[channel])
                 valid, values = None if valid is None else valid[measured], values[measured]
             # At least what 32-bit floats resolve: an image without noise has some.

@@ -82,6 +82,13 @@ def test_methods_are_given_what_was_found():
     assert check_image(told, SCENE).own is told.own
 
 
+def test_who_says_that_every_pixel_was_measured_is_believed():
+    image = check_image(CausticImage(taken(picture(), "rggb"), own=np.ones((3, 64, 64), bool)), SCENE)
+    assert not image.is_mosaic and CausticImage(image.irradiance, own=own_pixels("rggb", 64)).is_mosaic
+    assert (measurement_at(image, SCENE, 64, CPU).weight == 1).all()
+    assert Resimulation(CausticSimulator(SCENE), image).mosaic is None
+
+
 def test_only_own_pixels_are_compared_but_all_are_binned():
     image = dataclasses.replace(CausticImage(picture()), own=own_pixels("rggb", 64))
     whole = measurement_at(image, SCENE, 64, CPU)
