@@ -167,7 +167,8 @@ def rest_lines(record: Mapping[str, Any]) -> list[str]:
     apart = max((abs(value) for shift in camera.get("shift_px", []) for value in shift), default=0.0)
     blur = max(camera.get("blur_px", []), default=0.0)
     found = [f"channels {apart:.2g} px apart"] * (apart > 0) + [f"blur of {blur:.2g} px"] * (blur > 0)
-    found += [f"colour filters {counters['mosaic']}, pixels made up between them"] * ("mosaic" in counters)
+    if "mosaic" in counters:
+        found.append(f"colour filters {counters['mosaic']}, pixels made up between them")
     return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]
 
 

@@ -1,0 +1,27 @@
+"""Lines of a summary that say what is in the model of the camera."""
+
+import pytest
+
+from cli.results import rest_lines
+
+CAMERA = {"shift_px": [[0.2, 0.0], [0.0, 0.0]], "blur_px": [0.0, 0.7]}
+
+
+@pytest.mark.parametrize(
+    ("counters", "line"),
+    [
+        ({"camera": CAMERA}, "camera     channels 0.2 px apart, blur of 0.7 px: in the model"),
+        ({"mosaic": "rggb"}, "camera     colour filters rggb, pixels made up between them: in the model"),
+        (
+            {"camera": CAMERA, "mosaic": "grbg"},
+            "camera     channels 0.2 px apart, blur of 0.7 px, colour filters grbg, pixels made up between them: in the model",
+        ),
+    ],
+)
+def test_what_is_in_the_model_of_the_camera_is_said(counters, line):
+    assert rest_lines({"counters": counters}) == [line]
+
+
+def test_nothing_is_said_of_a_perfect_camera():
+    assert rest_lines({"counters": {"camera": {"shift_px": [[0.0, 0.0]], "blur_px": [0.0]}}}) == []
+    assert rest_lines({}) == []
