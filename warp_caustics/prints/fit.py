@@ -13,6 +13,7 @@ import torch
 
 from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.overlap import share
 
 CONVERGED = 1e-4
 """Part of the loss; a step that gains less is the last."""
@@ -151,8 +152,8 @@ def fit_lines(
 
     def over_others(rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         relief, derivatives = model.with_jacobian(rows)
-        seen = derivatives if model.overlap == "sum" else derivatives * (relief >= printed)
-        return model.over(printed, relief), seen
+        together, q = model.over(printed, relief), model.shape.overlap
+        return together, derivatives if q == 1 else derivatives * share(relief, together, q)
 
     lines[chosen], loss = minimised(
         over_others, model.moved, lines[chosen], relief_m, sigma_m, GEMAN_MCCLURE, iterations=iterations

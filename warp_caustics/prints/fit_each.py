@@ -7,6 +7,7 @@ import torch
 
 from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE
 from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.overlap import share
 
 DAMPING_START, DAMPING_UP, DAMPING_DOWN, DAMPING_LEAST = 1e-2, 6.0, 5.0, 1e-6
 TRIALS_PER_ITERATION = 1.5
@@ -47,9 +48,10 @@ def fit_each(
         parts, derivatives = model.parts(rows)
         if printed_m is not None:
             beside = printed_m[of.to(printed_m.device)]
-            if model.overlap == "max":
-                derivatives = derivatives * (parts >= beside)[:, None]
-            parts = model.over(beside, parts)
+            together = model.over(beside, parts)
+            if model.shape.overlap != 1:
+                derivatives = derivatives * share(parts, together, model.shape.overlap)[:, None]
+            parts = together
         residual = relief_m - parts
         squared = residual.square() * inverse_variance
         loss = GEMAN_MCCLURE.value(squared).flatten(1).sum(dim=1, dtype=torch.float64)

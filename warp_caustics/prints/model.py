@@ -7,7 +7,7 @@ only: a fit takes the Jacobian as it comes and moves lines by :meth:`LineModel.m
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -18,6 +18,7 @@ from warp_caustics.chunked import on_all_cores, warp_array, warp_stream
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.kernels import line_derivatives, line_derivatives_by_row
 from warp_caustics.prints.line import COSINE_EXPONENT, Line, Section
+from warp_caustics.prints.overlap import joined, over, share
 from warp_caustics.prints.sections import EXPONENTS
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -35,24 +36,28 @@ EXPONENT_STEP = 0.01
 PARABOLA_STEP = 0.02
 """The same by the share of the parabola."""
 
-Overlap = Literal["sum", "max"]
-"""Where lines cross, their heights add up, or the highest is what is printed."""
+OVERLAP_STEP = 0.02
+"""The same by what is printed where lines cross."""
 
 
 class Shape(NamedTuple):
-    """Section of all lines of a print, ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g with t = 2 r / w.
+    """What all lines of a print have in common: their section and what is printed where they cross.
 
-    Cosines and parabolas of any power, with the ellipse (p = 1, g = 0.5), and what lies between.
+    The section is ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g with t = 2 r / w: cosines and parabolas of any power, with
+    the ellipse (p = 1, g = 0.5), and what lies between.
     """
 
     exponent: float = 1.0
     """g."""
     parabola: float = 0.0
     """p, from 0 to 1."""
+    overlap: float = 1.0
+    """q of :mod:`~warp_caustics.prints.overlap`: at 1 lines add up where they cross, at 0 the highest is printed."""
 
     def clipped(self) -> "Shape":
         """Within what prints have."""
-        return Shape(min(max(self.exponent, EXPONENTS[0]), EXPONENTS[1]), min(max(self.parabola, 0.0), 1.0))
+        exponent = min(max(self.exponent, EXPONENTS[0]), EXPONENTS[1])
+        return Shape(exponent, min(max(self.parabola, 0.0), 1.0), min(max(self.overlap, 0.0), 1.0))
 
 
 def line_section(shape: Shape, t: FloatArray) -> FloatArray:
@@ -106,8 +111,7 @@ class LineModel:
         supersampling: a sample is the mean of supersampling^2 points of its cell; 1 takes the height at its centre.
 
     Attributes:
-        shape: of the section, that of ``section`` to begin with; a fit may move it.
-        overlap: what is printed where lines cross.
+        shape: of the section, that of ``section`` to begin with, and of crossings, where lines add up; a fit may move it.
     """
 
     def __init__(
@@ -121,7 +125,6 @@ class LineModel:
         self.scene, self.section, self.device = scene, section, torch.device(device)
         self.limits, self.supersampling = limits or Limits(), supersampling
         self.shape = Shape(COSINE_EXPONENT[section])
-        self.overlap: Overlap = "sum"
         self.n = scene.height_samples
         half = torch.tensor(scene.plate_size_m, dtype=torch.float64) / 2 * self.limits.reach
         (low_w, high_w), (low_h, high_h) = self.limits.width_m, self.limits.height_m
@@ -161,7 +164,7 @@ class LineModel:
             wp.launch(
                 line_derivatives if is_cuda else line_derivatives_by_row,
                 dim=heights.shape if is_cuda else heights.shape[:2],
-                inputs=[warp_array(rows), *self.shape, pitch_x, pitch_y, self.n, self.supersampling],
+                inputs=[warp_array(rows), *self.shape[:2], pitch_x, pitch_y, self.n, self.supersampling],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
@@ -169,22 +172,21 @@ class LineModel:
     def sketched(self, supersampling: int) -> "LineModel":
         """The same lines and section, with fewer points per cell."""
         sketch = LineModel(self.scene, self.section, self.device, self.limits, supersampling)
-        sketch.shape, sketch.overlap = self.shape, self.overlap
+        sketch.shape = self.shape
         return sketch
 
     def by_shape(self, lines: torch.Tensor) -> torch.Tensor:
-        """Derivatives of the relief by the numbers of its section [m], shape [2, n, n], by differences.
+        """Derivatives of the relief by the numbers of its shape [m], shape [3, n, n], by differences.
 
-        Central ones by the exponent, and by the share of the parabola where it is not at an end of its range.
+        Central ones by the exponent, and by the others where they are not at an end of their range.
         """
         given = self.shape
         step = EXPONENT_STEP * given.exponent
-        ends = [
-            (Shape(given.exponent - step, given.parabola), Shape(given.exponent + step, given.parabola)),
-            tuple(Shape(given.exponent, given.parabola + s * PARABOLA_STEP).clipped() for s in (-1, 1)),
-        ]
         # Heights at the edge of the exponent's range are told beyond it as well.
-        ends[1] = tuple(Shape(given.exponent, each.parabola) for each in ends[1])
+        ends = [tuple(given._replace(exponent=given.exponent + s * step) for s in (-1, 1))]
+        for name, by in (("parabola", PARABOLA_STEP), ("overlap", OVERLAP_STEP)):
+            at = getattr(given, name)
+            ends.append(tuple(given._replace(**{name: min(max(at + s * by, 0.0), 1.0)}) for s in (-1, 1)))
         columns = []
         try:
             for number, pair in enumerate(ends):
@@ -199,17 +201,15 @@ class LineModel:
 
     def over(self, heights: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
         """Lines printed over others [m]; shapes that broadcast."""
-        return heights + others if self.overlap == "sum" else torch.maximum(heights, others)
+        return over(heights, others, self.shape.overlap)
 
     def joined(self, parts: torch.Tensor) -> torch.Tensor:
         """Relief of lines [m], shape [n, n], from each alone, shape [L, n, n]."""
-        if self.overlap == "sum" or not len(parts):
-            return parts.sum(dim=0)
-        return parts.amax(dim=0)
+        return joined(parts, self.shape.overlap)
 
     def without_each(self, parts: torch.Tensor) -> torch.Tensor:
         """Reliefs of all lines but one [m], shape [L, n, n], from each alone."""
-        if self.overlap == "sum":
+        if self.shape.overlap == 1:
             return parts.sum(dim=0) - parts
         rest = torch.zeros_like(parts)
         for k in range(len(parts)):
@@ -224,8 +224,8 @@ class LineModel:
         """Relief of all lines together [m], shape [n, n], and its derivatives [1] by all numbers, shape [P, n, n]."""
         heights, derivatives = self.parts(lines)
         total = self.joined(heights)
-        if self.overlap == "max":
-            derivatives = derivatives * (heights >= total)[:, None]
+        if self.shape.overlap != 1:
+            derivatives = derivatives * share(heights, total, self.shape.overlap)[:, None]
         return total, derivatives.flatten(0, 1)
 
     def moved(self, lines: torch.Tensor, step: torch.Tensor) -> torch.Tensor:

@@ -155,7 +155,7 @@ class LinesOfImage:
         self.timings[last] = self.seconds - sum(self.timings.values())
         self.counters |= {"fibres": len(self.lines), "explained_by": "network"}
         if method.finds_section:
-            self.counters["section"] = self.model.shape._asdict() | {"overlap": self.model.overlap}
+            self.counters["section"] = self.model.shape._asdict()
         if not len(self.lines):
             return
         found = self.view.relief(self.lines)

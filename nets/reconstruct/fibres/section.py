@@ -7,10 +7,13 @@ their height, but from far away a descent of all numbers would rather bend lines
 import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
-from warp_caustics.prints.model import WIDTH, Overlap, Shape, half_height
+from warp_caustics.prints.model import WIDTH, Shape, half_height
 
 TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(0.35))
 """Cosine, quarter cosine, parabola, ellipse, a bell and a box."""
+OVERLAPS = (1.0, 0.35, 0.0)
+"""Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is printed: one of
+these is near enough for descents to find what lies between."""
 TRIAL_ITERATIONS = 8
 """Of L-BFGS with each."""
 MORE_ITERATIONS = 15
@@ -42,26 +45,25 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = Fals
     if not len(lines):
         return lines, False
     given = best_shape = model.shape
-    best_overlap: Overlap = model.overlap
     try:
         best_lines = fit.descend(lines, TRIAL_ITERATIONS)
-        if len(lines) > 1:
-            other: Overlap = "max" if best_overlap == "sum" else "sum"
-            model.overlap = other
-            found = fit.descend(lines, TRIAL_ITERATIONS)
-            if found.loss < OTHER_FACTOR * best_lines.loss:
-                best_lines, best_overlap = found, other
-            model.overlap = best_overlap
         least = OTHER_FACTOR * best_lines.loss
+        for overlap in OVERLAPS if len(lines) > 1 else ():
+            if overlap != given.overlap:
+                model.shape = given._replace(overlap=overlap)
+                found = fit.descend(lines, TRIAL_ITERATIONS)
+                if found.loss < min(least, best_lines.loss):
+                    best_lines, best_shape = found, model.shape
+        least, crossed = OTHER_FACTOR * best_lines.loss, best_shape.overlap
         for shape in TRIED_SHAPES:
-            if shape == given:
+            if shape[:2] == given[:2]:
                 continue
-            model.shape = shape
+            model.shape = shape._replace(overlap=crossed)
             found = fit.descend(model.clamped(reshaped(lines, given, shape)), TRIAL_ITERATIONS)
             if found.loss < min(least, best_lines.loss):
-                best_lines, best_shape = found, shape
+                best_lines, best_shape = found, model.shape
     finally:
-        model.shape, model.overlap = best_shape, best_overlap
+        model.shape = best_shape
     if best_shape == given and not moves:
         return best_lines.lines, False
     return fit.descend(best_lines.lines, MORE_ITERATIONS, with_section=True).lines, True

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import torch
 
-from nets.reconstruct.fibres.section import OTHER_FACTOR, reshaped
+from nets.reconstruct.fibres.section import OTHER_FACTOR, OVERLAPS, reshaped
 from warp_caustics.prints.fit import fit_lines
-from warp_caustics.prints.model import LineModel, Overlap, Shape
+from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
 
 PARABOLA = Shape(1.0, 1.0)
@@ -30,12 +30,11 @@ does a GPU where no other section tells them better: so many are far from told b
 
 
 class _Start(NamedTuple):
-    """Lines, shape [L, 6] [m], what they leave of the relief, their section and overlap."""
+    """Lines, shape [L, 6] [m], what they leave of the relief, their section and what is printed where they cross."""
 
     lines: torch.Tensor
     left: float
     shape: Shape
-    overlap: Overlap
 
 
 def starting_lines(
@@ -52,7 +51,7 @@ def starting_lines(
     """
 
     def judged(lines: torch.Tensor) -> _Start:
-        return _Start(lines, unexplained(model, lines, relief_m, spread_m), model.shape, model.overlap)
+        return _Start(lines, unexplained(model, lines, relief_m, spread_m), model.shape)
 
     first = best = judged(lines_of_relief(model, relief_m, spread_m, most=most))
     enough = WELL_TOLD * relief_m.numel() + LINE_PENALTY * len(best.lines)
@@ -62,24 +61,28 @@ def starting_lines(
     finds_anew = are_few or model.device.type != "cpu"
 
     def anew(start: _Start) -> _Start:
-        model.shape, model.overlap = start.shape, start.overlap
+        model.shape = start.shape
         return judged(lines_of_relief(model, relief_m, spread_m, most=most)) if finds_anew else start
 
     for _ in range(ROUNDS):
         before = best
         for shape in SHAPES:
+            shape = shape._replace(overlap=before.shape.overlap)
             if shape != before.shape:
-                model.shape, model.overlap = shape, before.overlap
+                model.shape = shape
                 lines = reshaped(before.lines, before.shape, shape)
                 best = _better(best, judged(_refitted(model, lines, relief_m, spread_m)))
-        model.shape, model.overlap = best.shape, "max" if before.overlap == "sum" else "sum"
-        best = _better(best, judged(_refitted(model, best.lines, relief_m, spread_m)))
-        if (best.shape, best.overlap) == (before.shape, before.overlap):
+        told = best
+        for overlap in OVERLAPS:
+            if overlap != before.shape.overlap:
+                model.shape = told.shape._replace(overlap=overlap)
+                best = _better(best, judged(_refitted(model, told.lines, relief_m, spread_m)))
+        if best.shape == before.shape:
             break
         best = min(best, anew(best), key=lambda start: start.left)
     if best is first and are_few and best.left > FAR_FROM_TOLD * enough:
         best = _better(best, anew(best._replace(shape=PARABOLA)))
-    model.shape, model.overlap = best.shape, best.overlap
+    model.shape = best.shape
     return best.lines
 
 

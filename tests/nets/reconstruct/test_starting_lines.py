@@ -23,19 +23,18 @@ def test_section_of_lines_that_a_network_blurs(shape):
     noise = torch.randn(N, N, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     relief = true.heights(MORE).double() + 2e-6 * noise
     found = starting_lines(model, relief, torch.full_like(relief, 5e-6), 20, finds_section=True)
-    assert (model.shape, model.overlap) == (shape, "sum")
+    assert model.shape == shape
     assert 1e6 * float((model.heights(found).double() - true.heights(MORE)).square().mean().sqrt()) < 5
 
 
 @pytest.mark.parametrize("shape", [Shape(), Shape(1.0, 1.0)])
 def test_section_of_a_relief(shape):
     """A cosine or a parabola; an overlap of two lines is a few samples, and told by the image."""
-    overlap = "sum"
     true, model = LineModel(SCENE), LineModel(SCENE)
-    true.shape, true.overlap = shape, overlap
+    true.shape = shape
     relief = true.heights(LINES).double()
     found = starting_lines(model, relief, torch.full_like(relief, 1e-6), 20, finds_section=True)
-    assert (model.shape, model.overlap) == (shape, overlap)
+    assert model.shape == shape
     assert 1e6 * float((model.heights(found).double() - relief).square().mean().sqrt()) < 5
 
 
@@ -44,4 +43,4 @@ def test_a_told_section_stays():
     true.shape = Shape(1.0, 1.0)
     relief = true.heights(LINES).double()
     starting_lines(model, relief, torch.full_like(relief, 1e-6), 20, finds_section=False)
-    assert (model.shape, model.overlap) == (Shape(), "sum")
+    assert model.shape == Shape()
