@@ -111,7 +111,7 @@ class LineModel:
         supersampling: a sample is the mean of supersampling^2 points of its cell; 1 takes the height at its centre.
 
     Attributes:
-        shape: of the section, that of ``section`` to begin with, and of crossings, where lines add up; a fit may move it.
+        shape: of the section, that of ``section`` to begin with, and of crossings, where lines add up; fits move it.
     """
 
     def __init__(
