@@ -56,8 +56,11 @@ class Shape(NamedTuple):
 
     def clipped(self) -> "Shape":
         """Within what prints have."""
-        exponent = min(max(self.exponent, EXPONENTS[0]), EXPONENTS[1])
-        return Shape(exponent, min(max(self.parabola, 0.0), 1.0), min(max(self.overlap, 0.0), 1.0))
+        return Shape(*(min(max(at, low), high) for at, low, high in zip(self, *SHAPE_LIMITS, strict=True)))
+
+
+SHAPE_LIMITS = (Shape(EXPONENTS[0], 0.0, 0.0), Shape(EXPONENTS[1], 1.0, 1.0))
+"""Of each of its numbers: the least and the largest that prints have."""
 
 
 def line_section(shape: Shape, t: FloatArray) -> FloatArray:
@@ -232,6 +235,13 @@ class LineModel:
         """Lines after a step of a fit, shape [P], as far as one step and the limits allow."""
         rows = step.reshape(lines.shape)
         return self.clamped(lines + torch.minimum(torch.maximum(rows, -self._step), self._step))
+
+    def limits_of(self, lines: int, *, with_shape: bool) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of the numbers of so many lines [m], and of a shape after them, shape [P]."""
+        ends = []
+        for of_line, of_shape in ((self._low, SHAPE_LIMITS[0]), (self._high, SHAPE_LIMITS[1])):
+            ends.append(np.append(np.tile(of_line.numpy(), lines), of_shape if with_shape else ()))
+        return ends[0], ends[1]
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:
         """Lines within the limits, shape [L, 6] [m]."""

@@ -9,6 +9,7 @@ image's derivatives by all numbers, by differences of simulations with few pixel
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -20,7 +21,7 @@ from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
-from warp_caustics.types import FloatArray
+from warp_caustics.types import BoolArray, FloatArray
 
 RIDGE_REGULARISATION = 1e-2
 """Added to the normal matrix, relative to its diagonal: keeps lines on top of each other apart."""
@@ -37,6 +38,8 @@ FINE_PHOTONS_PER_PIXEL = 8
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
 METRIC_PHOTONS_PER_PIXEL = 4
 """Of the differences that descents take their metric from, on the fewest pixels."""
+DESCENTS = 3
+"""One after the other, at most, each without the numbers that are held where it begins."""
 CONVERGED = 1e-5
 """Of the loss, see ``ftol`` of L-BFGS-B."""
 LOSS_SCALE = 1e3
@@ -219,6 +222,10 @@ class ImageFit:
     ) -> Fitted:
         """Lines that explain the image better; never worse.
 
+        A number at the end of its range that would go on outwards is held there: beyond it nothing changes, and a
+        search along a line that was promised a descent there finds none. Where one arrives there on the way the descent
+        goes on without it.
+
         Args:
             lines: where to start, shape [L, 6] [m], float64.
             iterations: of L-BFGS, at most.
@@ -229,41 +236,26 @@ class ImageFit:
             return Fitted(
                 lines, self.loss(self.model.heights(lines)), np.zeros(0 if beside is None else len(beside.modes))
             )
-        model = self.model
-        start = lines.numpy().ravel()
-        if with_section:
-            start = np.append(start, model.shape)
-        of_relief = len(start)
-        if beside is not None:
-            start = np.append(start, np.zeros(len(beside.modes)))
-        to_numbers, back = self._coordinates(lines, start, with_section, beside)
-        best, shape = Fitted(lines, np.inf, start[of_relief:]), model.shape
-
-        def objective(u: FloatArray) -> tuple[float, FloatArray]:
-            nonlocal shape
-            numbers = to_numbers(u)
-            moved = model.clamped(torch.from_numpy(numbers[: lines.numel()].reshape(lines.shape)))
-            if with_section:
-                model.shape = Shape(*map(float, numbers[lines.numel() : of_relief])).clipped()
-            amplitudes = numbers[of_relief:]
-            heights, jacobian = self._rendered(moved, with_section)
-            loss, gradient, by_amplitude = self.with_gradient(heights, beside, amplitudes)
-            if loss < best.loss:
-                best.lines, best.loss, best.beside, shape = moved, loss, amplitudes, model.shape
-            if self.report is not None:
-                self.report(loss)
-            by_number = (jacobian.flatten(1) @ gradient.reshape(-1)).double().cpu().numpy()
-            by_number = np.append(by_number, by_amplitude)
-            return LOSS_SCALE * loss, LOSS_SCALE * back(by_number)
-
-        settings = {"maxiter": iterations, "maxfun": int(1.3 * iterations) + 2, "maxcor": 30, "ftol": CONVERGED}
+        descent = _Descent(self, lines, with_section, beside)
+        left, held = iterations, None
         try:
-            scipy.optimize.minimize(objective, np.zeros(len(start)), jac=True, method="L-BFGS-B", options=settings)
+            for _ in range(DESCENTS):
+                start, value, gradient = descent.at_best()
+                held_now = descent.is_held(start, gradient)
+                if left < 1 or held_now.all() or (held is not None and np.array_equal(held_now, held)):
+                    break
+                held = held_now
+                to_numbers, back = self._coordinates(descent.best.lines, start, with_section, beside, held)
+                objective = partial(_in_coordinates, descent, to_numbers, back, (value, gradient))
+                settings = {"maxiter": left, "maxfun": int(1.3 * left) + 2, "maxcor": 30, "ftol": CONVERGED}
+                here = np.zeros(int((~held).sum()))
+                found = scipy.optimize.minimize(objective, here, jac=True, method="L-BFGS-B", options=settings)
+                left -= found.nfev
         finally:
-            model.shape = shape
-        return best
+            self.model.shape = descent.shape
+        return descent.best
 
-    def _rendered(self, lines: torch.Tensor, with_section: bool) -> tuple[torch.Tensor, torch.Tensor]:
+    def rendered(self, lines: torch.Tensor, with_section: bool) -> tuple[torch.Tensor, torch.Tensor]:
         """Relief [m], shape [n, n], and its derivatives by all numbers of a descent, shape [P, n, n]."""
         heights, derivatives = self.model.with_jacobian(lines)
         if with_section:
@@ -271,10 +263,13 @@ class ImageFit:
         return heights, derivatives
 
     def _coordinates(
-        self, lines: torch.Tensor, start: FloatArray, with_section: bool, beside: Beside | None
+        self, lines: torch.Tensor, start: FloatArray, with_section: bool, beside: Beside | None, held: BoolArray
     ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
-        """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow."""
-        heights, derivatives = self._rendered(lines, with_section)
+        """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow.
+
+        Of all numbers but those that are held.
+        """
+        heights, derivatives = self.rendered(lines, with_section)
         seen = self.metric.normal_matrix(heights, derivatives, beside).numpy()
         flat = derivatives.flatten(1)
         printed = np.zeros_like(seen)
@@ -288,6 +283,8 @@ class ImageFit:
             seen[len(flat) :, len(flat) :] += beside.weight * np.eye(len(beside.modes))
         diagonal = np.diag(seen)
         scale = np.sqrt(LOSS_SCALE * (diagonal + 1e-9 * diagonal[lengths].max()))
+        free = ~held
+        scale, seen = scale[free], seen[np.ix_(free, free)]
         unit = LOSS_SCALE * seen / np.outer(scale, scale)
         identity = torch.eye(len(scale), dtype=torch.float64)
         with one_thread():
@@ -297,11 +294,84 @@ class ImageFit:
         # Products are summed by NumPy itself: a BLAS takes as many threads as a machine has cores for matrices from a
         # hundred numbers on, which took 16 cores 60 ms where one needs 20 us.
         def to_numbers(u: FloatArray) -> FloatArray:
-            moved: FloatArray = start + (inverse * u[:, None]).sum(0) / scale
+            moved = start.copy()
+            moved[free] += (inverse * u[:, None]).sum(0) / scale
             return moved
 
         def back(gradient: FloatArray) -> FloatArray:
-            pulled: FloatArray = (inverse * (gradient / scale)).sum(1)
+            pulled: FloatArray = (inverse * (gradient[free] / scale)).sum(1)
             return pulled
 
         return to_numbers, back
+
+
+class _Descent:
+    """A descent so far.
+
+    Args:
+        fit: whose.
+        lines: where it starts, shape [L, 6] [m].
+        with_section: the model's shape is moved, too.
+        beside: what else may change the image.
+
+    Attributes:
+        best: lines so far.
+        shape: of the model with these.
+    """
+
+    def __init__(self, fit: ImageFit, lines: torch.Tensor, with_section: bool, beside: Beside | None):
+        self.fit, self.with_section, self.beside = fit, with_section, beside
+        self.best = Fitted(lines, np.inf, np.zeros(0 if beside is None else len(beside.modes)))
+        self.shape = fit.model.shape
+        self._low, self._high = fit.model.limits_of(len(lines), with_shape=with_section)
+        self._gradient: FloatArray | None = None
+
+    def at_best(self) -> tuple[FloatArray, float, FloatArray]:
+        """Numbers of the best lines, shape [P + K], the scaled loss there and its gradient."""
+        self.fit.model.shape = self.shape
+        if self._gradient is None:
+            self(self._numbers())
+        assert self._gradient is not None  # any loss is below that of no evaluation
+        return self._numbers(), LOSS_SCALE * self.best.loss, self._gradient
+
+    def _numbers(self) -> FloatArray:
+        shape = np.asarray(self.shape if self.with_section else (), dtype=np.float64)
+        return np.concatenate([self.best.lines.numpy().ravel(), shape, self.best.beside])
+
+    def __call__(self, numbers: FloatArray) -> tuple[float, FloatArray]:
+        """Scaled loss and its gradient by numbers, shape [P + K], which are brought into their ranges."""
+        model, lines, of_relief = self.fit.model, self.best.lines, len(self._low)
+        moved = model.clamped(torch.from_numpy(numbers[: lines.numel()].reshape(lines.shape)))
+        if self.with_section:
+            model.shape = Shape(*map(float, numbers[lines.numel() : of_relief])).clipped()
+        amplitudes = numbers[of_relief:]
+        heights, jacobian = self.fit.rendered(moved, self.with_section)
+        loss, by_height, by_amplitude = self.fit.with_gradient(heights, self.beside, amplitudes)
+        by_number = (jacobian.flatten(1) @ by_height.reshape(-1)).double().cpu().numpy()
+        gradient = LOSS_SCALE * np.append(by_number, by_amplitude)
+        if loss < self.best.loss:
+            self.best = Fitted(moved, loss, amplitudes)
+            self.shape, self._gradient = model.shape, gradient
+        if self.fit.report is not None:
+            self.fit.report(loss)
+        return LOSS_SCALE * loss, gradient
+
+    def is_held(self, numbers: FloatArray, gradient: FloatArray) -> BoolArray:
+        """Of numbers those at an end of their range that would go on outwards, shape [P + K]."""
+        of_relief = len(self._low)
+        at, by = numbers[:of_relief], gradient[:of_relief]
+        held = ((at <= self._low) & (by > 0)) | ((at >= self._high) & (by < 0))
+        return np.append(held, np.zeros(len(numbers) - of_relief, bool))
+
+
+def _in_coordinates(
+    descent: _Descent,
+    to_numbers: Callable[[FloatArray], FloatArray],
+    back: Callable[[FloatArray], FloatArray],
+    start: tuple[float, FloatArray],
+    u: FloatArray,
+) -> tuple[float, FloatArray]:
+    """Loss and gradient in coordinates u; at 0, where a descent starts, they are known."""
+    numbers = to_numbers(u)
+    value, gradient = descent(numbers) if u.any() else start
+    return value, back(np.where(descent.is_held(numbers, gradient), 0.0, gradient))

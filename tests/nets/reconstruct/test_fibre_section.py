@@ -164,6 +164,52 @@ def test_what_is_printed_where_lines_cross_is_found(overlap, tolerance):
     assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 2.5
 
 
+MANY = 1e-3 * torch.tensor(
+    [
+        [-15.0, -12.0, 14.0, 9.0, 3.4, 0.7],
+        [-9.0, 15.0, 10.0, -16.0, 3.2, 0.6],
+        [-17.0, 11.0, 16.0, 13.0, 2.7, 0.5],
+        [-4.0, -18.0, 3.0, 18.0, 2.4, 0.4],
+    ],
+    dtype=torch.float64,
+)
+
+
+@pytest.mark.parametrize("shape", [Shape(0.5, 1.0), Shape(1.0, 0.0, 0.0), Shape(0.8, 0.5, 0.3)])
+def test_descents_pass_ends_of_ranges(shape):
+    """From cosines that add up, two numbers at the end of their range: with these in the search along lines it ends at once."""
+    model = LineModel(SCENE)
+    model.shape = shape
+    truth = model.heights(MANY)
+    simulated = CausticSimulator(SCENE)(truth).numpy()
+    noise = np.random.default_rng(0).standard_normal(simulated.shape)
+    image = CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
+    model.shape = Shape()
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    found = fit.descend(MANY + OFF / 2, 60, with_section=True)
+    assert 1e6 * float((model.heights(found.lines) - truth).square().mean().sqrt()) < 2.5
+    assert fit.loss(model.heights(found.lines)) == pytest.approx(found.loss, rel=1e-6), "left at its best"
+
+
+def test_numbers_that_would_leave_their_range_are_held(monkeypatch):
+    """A line as high as any: the descent goes on with all others, and never asks beyond."""
+    model = LineModel(SCENE)
+    highest = model.limits.height_m[1]
+    lines = LINES.clone()
+    lines[0, 5] = highest
+    fit, heights_of = ImageFit(SCENE, seen(1.0), model, 2 * N), []
+    clamped = model.clamped
+    monkeypatch.setattr(model, "clamped", lambda rows: heights_of.append(float(rows[0, 5])) or clamped(rows))
+    before = fit.loss(model.heights(lines))
+    low, high = model.limits_of(len(lines), with_shape=True)
+    assert low.shape == high.shape == (15,) and (low < high).all() and high[5] == highest
+    monkeypatch.setattr(
+        fit, "with_gradient", lambda h, *_: (before, torch.full_like(h, -1.0), np.zeros(0))
+    )  # higher is better, everywhere
+    fit.descend(lines, 5)
+    assert max(heights_of) <= highest
+
+
 def test_a_told_section_stays():
     model = LineModel(SCENE)
     ImageFit(SCENE, seen(0.6), model, 2 * N).descend(LINES + OFF, 10)
