@@ -13,7 +13,7 @@ PARABOLA = Shape(1.0, 1.0)
 SHAPES = (Shape(), Shape(0.5), PARABOLA, Shape(0.5, 1.0), Shape(1.6))
 """Cosine, quarter cosine, parabola, ellipse and a bell: lines found as of one are fitted anew as of the others, which
 tells the section of seven reliefs of seven for a tenth of the time that finding them anew takes."""
-REFIT_FLOORS_M = (4e-5, 4e-6)
+REFIT_FLOORS_M = (3e-4, 4e-5, 4e-6)
 """Expected size of residuals on bare plate in one fit after the other [m]: lines of another section begin far away."""
 REFIT_ITERATIONS = 10
 ROUNDS = 2
@@ -25,8 +25,8 @@ FAR_FROM_TOLD = 2.0
 """Times that, above which lines are found anew as parabolas though no other section tells those of cosines better:
 what was not found as a line of one section tells nothing of another."""
 MANY = 15
-"""Lines above which a CPU does not find them anew as of another section: of two dozen that takes up to a minute. Nor
-does a GPU where no other section tells them better: so many are far from told by any."""
+"""Lines above which they are not found anew where no other section tells them better: so many are far from told by any,
+and two dozen take half a minute on a CPU."""
 
 
 class _Start(NamedTuple):
@@ -58,11 +58,10 @@ def starting_lines(
     if not finds_section or not 2 <= len(best.lines) < most or best.left < enough:
         return best.lines  # of a relief that needs more lines than it may have, none is told by what is left of it
     are_few = len(best.lines) <= MANY
-    finds_anew = are_few or model.device.type != "cpu"
 
     def anew(start: _Start) -> _Start:
         model.shape = start.shape
-        return judged(lines_of_relief(model, relief_m, spread_m, most=most)) if finds_anew else start
+        return judged(lines_of_relief(model, relief_m, spread_m, most=most))
 
     for _ in range(ROUNDS):
         before = best
