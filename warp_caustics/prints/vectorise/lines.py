@@ -10,7 +10,7 @@ FLOORS_M = (3e-4, 1e-4, 4e-5, 1e-5, 4e-6)
 """Expected size of residuals on bare plate in one stage after the other [m]: large ones first, so that early lines are
 not bent to explain what later ones will. They begin near the height of prints: residuals far above are given up by the
 robust loss, and where several lines lie on top of each other those that are not yet there leave nothing else. Begun at
-4e-5, crowded plates ended with a third of their lines missing: exact reliefs of 20 to 30 ellipses 305, 48, 0 and 188 um
+4e-5, crowded plates ended with a third of their lines missing: exact reliefs of 14 to 25 ellipses 305, 48, 0 and 188 um
 off, now 48, 18, 0 and 0; with 1.6e-4 for the first two 78, 19, 28 and 0. It takes 1.4 times as long."""
 MOST_LINES = 60
 ROUNDS = 4
