@@ -389,5 +389,6 @@ class _Run:
             )
         if self.options.bench_uncertainty:
             counted = () if self.on_bench is None else self.on_bench.numbers.names
-            reconstruction = with_bench(reconstruction, self.method.numbers, counted)
+            # Defects are of lines: a bow of the base is none, and lifts a line with the plate beside it.
+            reconstruction = with_bench(reconstruction, self.method.numbers, counted, flatness_m=0.0)
         return FromNominalResult(with_doubt(reconstruction), self.lines.fitted)

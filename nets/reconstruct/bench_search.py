@@ -214,7 +214,7 @@ class BenchSearch:
             sigma = {name: math.hypot(step.sigma[name], abs(move[name]) / 2) for name in values}
             is_there = not step.gain or all(abs(move[name]) < step.sigma[name] for name in values)
             is_near = not turn and not self._is_off(step.values, step.sigma)
-            far = self._far_start(image, told, answer) if is_near and start == self.before else None
+            far = self._far_start(image, told, answer) if not turn and start == self.before else None
             if far is not None:
                 values = far
                 heights = self.answer(image, told, values)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.losses_of_light import LOSS_FACTOR, effects_of, with_losses
@@ -17,7 +17,7 @@ from nets.reconstruct.opinions import Opinion, opinion
 from nets.reconstruct.posterior_samples import MOST_SAMPLES, Samples, posterior_samples
 from nets.reconstruct.refinement import Refined, Refinement, RefinementOptions, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, uncertainty
-from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_bench import FLATNESS, with_bench
 from nets.reconstruct.with_causes import with_causes
 from nets.reconstruct.with_doubt import with_doubt
 from nets.shipped import FoundNetwork, find_network, told_network
@@ -53,9 +53,10 @@ class DirectOptions(RefinementOptions):
     second_opinion: bool = True
     """Ask the network that is told of its bench as well, where another was made for the scene, and take what explains
     the image; only of networks that ship."""
-    flatness_m: Annotated[float, Field(ge=0, le=1e-2, allow_inf_nan=False)] = 0.0
+    flatness_m: Annotated[float, Field(ge=0, le=1e-2, allow_inf_nan=False)] | None = None
     """Standard deviation of the base from the plane that it is taken for [m]: no image tells a bow, so that only the
-    plate's maker can. Part of the standard uncertainty."""
+    plate's maker can. Part of the standard uncertainty; None: as well known as the bench
+    (``nets/reconstruct/with_bench.py``). As ``priors["flatness_m"]``, too."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
     set_up: Literal["known", "estimate"] | None = None
@@ -76,6 +77,15 @@ class DirectOptions(RefinementOptions):
     eight refinements."""
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flatness_is_no_number_to_look_for(cls, given: Any) -> Any:
+        """Users say with ``--prior`` how flat the base is, as of all that is not known exactly."""
+        if not isinstance(given, dict) or FLATNESS not in (given.get("priors") or {}):
+            return given
+        others = dict(given["priors"])
+        return {FLATNESS: others.pop(FLATNESS), **given, "priors": others}
 
 
 class Direct(Reconstructor):
@@ -182,7 +192,7 @@ class Direct(Reconstructor):
             if not has_folds(image, self.scene):
                 found = dataclasses.replace(found, warnings=(*found.warnings, NO_FOLDS))
         if self.options.bench_uncertainty:
-            found = with_bench(found, self.numbers)
+            found = with_bench(found, self.numbers, flatness_m=self.options.flatness_m)
         return self.asked[0].grid.result(with_doubt(found))
 
     def _has_time(self, elapsed_s: float) -> bool:
@@ -291,7 +301,8 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if found.looked_by.network.is_told else DIRECT_CALIBRATION
-        spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m)
+        flatness = self.options.flatness_m or 0.0
+        spread = uncertainty(found.looked.double(), calibration, network.seen.scale, flatness)
         no_spread = self._no_uncertainty(network, len(found.looked))
         timings = {"network": log.elapsed_s}
         found_at = None
@@ -320,7 +331,7 @@ class Direct(Reconstructor):
         rest = resimulation.rest(heights, found_at) if self.options.causes and spread is not None else None
         if rest is not None and not interrupted:
             left = torch.as_tensor(rest.share * local_relief(heights), device=answers.device)
-            spread = uncertainty(found.looked.double(), calibration, network.seen.scale, self.options.flatness_m, left)
+            spread = uncertainty(found.looked.double(), calibration, network.seen.scale, flatness, left)
             assert spread is not None
         record = network_result(
             self.name,

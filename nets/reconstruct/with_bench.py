@@ -16,19 +16,29 @@ from warp_caustics.reconstruct.base import Reconstruction
 KEPT_BY_HEIGHTS = 2.0
 """By how much more than the rest of an image says a bench may be off: heights keep half of it and more to themselves
 (docs/found_bench.md)."""
+FLATNESS_M = 5e-7
+"""Standard deviation from a plane of a base that was chosen with care: a bow or wedge of float glass over 50 mm, and what
+printing on it adds. Half of the prints of configs/benches/careful.yaml are bowed by up to 3 um, 0.8 um in the mean of
+all; no source measures one."""
+FLATNESS = "flatness_m"
 
 
-def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection[str] = ()) -> Reconstruction:
+def with_bench(
+    found: Reconstruction, numbers: BenchNumbers, counted: Collection[str] = (), flatness_m: float | None = None
+) -> Reconstruction:
     """The result with the bench's part in its uncertainty, in quadrature; one without an uncertainty as it is.
 
     ``counters["uncertainty"]`` says the parts: root mean squares over the plate [um]; and how much less care was taken
     of the bench than is assumed, so much less well are numbers known that no image tells
-    (:mod:`warp_caustics.found_bench.care`).
+    (:mod:`warp_caustics.found_bench.care`). Nor does any image tell a bow of the base, which bends light by less than
+    a thousandth of what lines do, and is in the heights as large as it is.
 
     Args:
         found: heights on the grid of the numbers' scene.
         numbers: of the bench as it is told, with what is known of them.
         counted: names of those that the uncertainty has a part of already, having been found with lines.
+        flatness_m: standard deviation of the base from a plane that the uncertainty has a part of already [m]; None:
+            nobody says, so that it is known as well as the rest of the bench.
     """
     if found.uncertainty_m is None:
         return found
@@ -46,8 +56,11 @@ def with_bench(found: Reconstruction, numbers: BenchNumbers, counted: Collection
                 widths.get(cause["name"], 0.0), KEPT_BY_HEIGHTS * cause["value"], cause["sigma"]
             )
     widths = {name: widths[name] for name in widths if name in known and name not in counted}
-    part = bench_uncertainty(numbers.scene, found.heights_m, widths)
+    flat = care.times * FLATNESS_M if flatness_m is None else 0.0
+    part = bench_uncertainty(numbers.scene, found.heights_m, widths).beside(FLATNESS, flat)
     network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
     whole = np.hypot(found.uncertainty_m, part.total_m)
-    record = {"network_um": 1e6 * network, **part.record, "care": care.record(widths, widened)}
+    if flat and care.times > 1:
+        widened.append(FLATNESS)
+    record = {"network_um": 1e6 * network, **part.record, "care": care.record(part.widths, widened)}
     return dataclasses.replace(found, uncertainty_m=whole, counters=found.counters | {"uncertainty": record})

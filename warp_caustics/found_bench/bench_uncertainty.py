@@ -91,6 +91,18 @@ class BenchUncertainty:
     widths: dict[str, float]
     rms_m: dict[str, float]
 
+    def beside(self, name: str, sigma_m: float) -> "BenchUncertainty":
+        """With a part in quadrature that is the same everywhere.
+
+        Args:
+            name: of the part.
+            sigma_m: its standard deviation [m]; 0 is none.
+        """
+        if not sigma_m:
+            return self
+        widths, rms_m = self.widths | {name: sigma_m}, self.rms_m | {name: sigma_m}
+        return BenchUncertainty(np.hypot(self.total_m, sigma_m), widths, rms_m)
+
     @property
     def record(self) -> dict[str, Any]:
         """For a result's counters [um]."""

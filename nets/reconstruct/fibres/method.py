@@ -119,7 +119,8 @@ class Fibres(Reconstructor):
             numbers = None if found.counters.get("bench", {}).get("is_kept") else self.network.numbers
             found = with_causes(found, *run.shown_to(found), numbers)
         if self.options.bench_uncertainty:
-            found = with_bench(found, self.network.numbers, () if run.covariance is None else run.numbers.names)
+            counted = () if run.covariance is None else run.numbers.names
+            found = with_bench(found, self.network.numbers, counted, self.options.flatness_m)
         return self.network.asked[0].grid.result(with_doubt(found))
 
     @cached_property

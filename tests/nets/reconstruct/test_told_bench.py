@@ -12,6 +12,8 @@ import yaml
 from data_gen.bench_ranges import BenchRanges, bench_scene
 from nets.architecture import build
 from nets.family import check_family, family_of
+from nets.reconstruct.direct import DirectOptions
+from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.told_bench import ToldBench
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, Calibration, uncertainty
@@ -170,3 +172,13 @@ def test_numbers_of_a_scene_may_be_numpys(weights, scene, heights):
     image = CausticImage(simulated(bench, heights).numpy())
     result = create("direct", bench, weights=weights, refine=False).reconstruct(image)
     assert np.isfinite(result.heights_m).all()
+
+
+def test_how_flat_the_base_is_may_be_said_as_of_any_other_number():
+    options = DirectOptions(priors={"gap_m": 1e-5, "flatness_m": 2e-6})
+    assert options.flatness_m == 2e-6 and options.priors == {"gap_m": 1e-5}
+    assert DirectOptions(priors={"flatness_m": 0}).flatness_m == 0 and DirectOptions().flatness_m is None
+    assert DirectOptions(**options.model_dump()) == options
+    assert FibresOptions(priors={"flatness_m": 2e-6}).flatness_m == 2e-6
+    with pytest.raises(ValueError, match="flatness_m"):
+        DirectOptions(priors={"flatness_m": -1})

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from nets.reconstruct.with_bench import with_bench
+from nets.reconstruct.with_bench import FLATNESS, FLATNESS_M, with_bench
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundNumber
 from warp_caustics.found_bench.bench_uncertainty import careful_widths
@@ -47,27 +47,40 @@ def test_without_care_heights_are_uncertain_by_the_factor_that_no_image_tells():
     careful, careless = (with_bench(result(uneven=u, aside=10), NUMBERS) for u in (0, 20))
     parts = careless.counters["uncertainty"]
     assert parts["care"]["times"] == pytest.approx(10) and "10 times less care" in parts["care"]["line"]
-    assert parts["care"]["widened"] == list(UNTOLD)
+    assert parts["care"]["widened"] == [*UNTOLD, FLATNESS]
     for name in UNTOLD:
         before = careful.counters["uncertainty"]["numbers"][name]
         assert parts["numbers"][name]["sigma"] == pytest.approx(10 * before["sigma"])
         assert parts["numbers"][name]["um"] == pytest.approx(10 * before["um"])
     top = np.unravel_index(np.argmax(hill()), (32, 32))
     assert careless.uncertainty_m[top] == pytest.approx(0.053 * hill()[top], rel=0.15)
-    assert careless.uncertainty_m[0, 0] == pytest.approx(careful.uncertainty_m[0, 0], rel=0.01)
+    for found, times in ((careful, 1), (careless, 10)):
+        assert found.uncertainty_m[0, 0] == pytest.approx(np.hypot(1e-6, times * FLATNESS_M), rel=0.01)
 
 
 def test_what_the_user_says_of_the_gap_is_believed_without_care_too():
     told = BenchNumbers.of(SCENE, {"gap_m": 2e-5})
     parts = with_bench(result(uneven=20, aside=10), told).counters["uncertainty"]
     assert parts["numbers"]["gap_m"]["sigma"] == 2e-5
-    assert parts["care"]["widened"] == ["base_thickness_m", "index_offset"]
+    assert parts["care"]["widened"] == ["base_thickness_m", "index_offset", FLATNESS]
     assert "gap_m +-" not in parts["care"]["line"]
+
+
+def test_a_base_is_as_flat_as_the_bench_is_careful_unless_somebody_says():
+    """A bow of 10 um, as of a careless bench, lifts bare plate by as much as is said of it; no image shows it."""
+    parts = with_bench(result(uneven=20, aside=10), NUMBERS).counters["uncertainty"]
+    assert parts["numbers"][FLATNESS] == {"sigma": pytest.approx(10 * FLATNESS_M), "um": pytest.approx(5.0)}
+    assert parts["bench_um"] > 5.0
+    assert "flatness_m +- 5e-06" in parts["care"]["line"]
+    told = with_bench(result(uneven=20, aside=10), NUMBERS, flatness_m=0.0)
+    assert FLATNESS not in told.counters["uncertainty"]["numbers"]
+    assert FLATNESS not in told.counters["uncertainty"]["care"]["line"]
+    assert told.uncertainty_m[0, 0] == pytest.approx(1e-6, rel=0.3)
 
 
 def test_numbers_that_were_found_with_lines_are_not_counted_again():
     parts = with_bench(result(uneven=20, aside=10), NUMBERS, UNTOLD).counters["uncertainty"]
-    assert not set(UNTOLD) & set(parts["numbers"]) and parts["care"]["line"] == ""
+    assert not set(UNTOLD) & set(parts["numbers"]) and parts["care"]["widened"] == [FLATNESS]
 
 
 def test_without_an_uncertainty_nothing_is_added():
