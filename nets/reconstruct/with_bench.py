@@ -17,9 +17,8 @@ KEPT_BY_HEIGHTS = 2.0
 """By how much more than the rest of an image says a bench may be off: heights keep half of it and more to themselves
 (docs/found_bench.md)."""
 FLATNESS_M = 5e-7
-"""Standard deviation from a plane of a base that was chosen with care: a bow or wedge of float glass over 50 mm, and what
-printing on it adds. Half of the prints of configs/benches/careful.yaml are bowed by up to 3 um, 0.8 um in the mean of
-all; no source measures one."""
+"""Standard deviation from a plane of a base that was chosen with care. Half of the prints of
+configs/benches/careful.yaml are bowed by up to 3 um, 0.8 um in the root mean square of all; no source measures one."""
 FLATNESS = "flatness_m"
 
 
