@@ -30,6 +30,7 @@ from data_gen.suites.one_thing import DIFFERENCES, one_case
 from data_gen.suites.shot import measured
 from nets.reconstruct.methods import create
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION
+from nets.reconstruct.with_bench import FLATNESS
 from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.rest import local_relief
@@ -83,7 +84,8 @@ def spread_alone(result: Reconstruction, scene: Scene) -> FloatArray | None:
     is_told = result.settings["network"]["file"].startswith("direct-family")
     calibration = FAMILY_CALIBRATION if is_told else DIRECT_CALIBRATION
     widths = {name: part["sigma"] for name, part in result.counters["uncertainty"]["numbers"].items()}
-    bench = bench_uncertainty(scene, result.heights_m, widths).total_m
+    flat = widths.pop(FLATNESS, 0.0)
+    bench = bench_uncertainty(scene, result.heights_m, widths).beside(FLATNESS, flat).total_m
     left = calibration.shared * result.counters["rest"]["of_contrast"] * local_relief(result.heights_m)
     return np.asarray(np.sqrt(np.maximum(result.uncertainty_m**2 - bench**2 - left**2, 0.0)))
 

@@ -7,7 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trusted import constants, is_wrong, plates, summary
+from benchmarks.trusted import constants, is_wrong, plates, spread_alone, summary
+from nets.reconstruct.with_bench import with_bench
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.reconstruct.base import Reconstruction
+from warp_caustics.scene import Scene
 
 
 def row(name, rmse, sigma, flagged, causes=()):
@@ -17,6 +21,18 @@ def row(name, rmse, sigma, flagged, causes=()):
         "within": covered, "within_relief": covered, "alone_within": [0.4, 0.7], "alone_within_relief": [None, None],
         "ratio": 1.0, "causes": list(causes), "is_flagged": flagged,
     }  # fmt: skip
+
+
+def test_the_spread_alone_is_what_was_before_the_bench_and_its_base():
+    scene, x = Scene(height_samples=32, image_pixels=64), np.linspace(-1, 1, 32)
+    found = Reconstruction(
+        "direct", 4e-4 * np.exp(-4 * (x[:, None] ** 2 + x**2)), np.zeros((3, 64, 64)), 0.1, "converged",
+        uncertainty_m=np.full((32, 32), 1e-6), counters={"rest": {"of_contrast": 0.0, "ratio": 0.5, "causes": []}},
+        settings={"network": {"file": "direct.safetensors"}},
+    )  # fmt: skip
+    whole = with_bench(found, BenchNumbers.of(scene))
+    assert whole.uncertainty_m.max() > 2e-6
+    np.testing.assert_allclose(spread_alone(whole, scene), 1e-6, rtol=1e-6)
 
 
 def test_wrong_is_three_times_what_is_stated():
