@@ -116,6 +116,10 @@ class Bench:
         told = cls.told(numbers)
         return dataclasses.replace(told, values={**told.values, **values}, sigma=sigma)
 
+    def is_told(self, numbers: BenchNumbers) -> bool:
+        """Whether nothing of it is other than told."""
+        return all(value == numbers.before[name] for name, value in self.values.items()) and not self.field.any()
+
     def light(self, pixels: int) -> FloatArray:
         """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""
         return 1 + np.tensordot(self.field, field_modes(len(self.field) - 5, pixels), 1)

@@ -144,7 +144,9 @@ class LinesOfImage:
             self._fit()
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and not self.is_in_vain:
-                if self._asks_gap():
+                if self._is_near() and self.method.options.losses is not False:
+                    self._fit_with_losses()
+                if self._is_near() and not self.method.takes_bench_as_told:
                     self._fit_with_gap()
                 if self._asks_bench():
                     self._fit_with_bench()
@@ -168,20 +170,24 @@ class LinesOfImage:
     def shown_to(self, found: Reconstruction) -> tuple[CausticImage, CausticSimulator]:
         """The image as the bench of a result shows it, and that bench."""
         if not found.counters.get("bench", {}).get("is_kept"):
-            return self.measured, self.told.resimulation.simulator
+            lossy = self.told.scene.model_copy(update=found.counters.get("losses", {}))
+            told = self.told.resimulation.simulator
+            if lossy != told.scene:
+                told = CausticSimulator(lossy, "lattice", device=self.method.device)
+            return self.measured, told
         return seen_on(self.measured, self.numbers, self.bench, self.exposure), self.view.resimulation.simulator
 
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""
         if self.is_elsewhere:
-            left = self.view.left(self.lines)
-            return left is None or left <= FAR_OF_NOISE
+            return self._is_near()
         return self.method.finds_bench and not self.view.is_explained(self.lines)
 
-    def _asks_gap(self) -> bool:
-        """Whether the way of the light is looked for, which lines explain nearly as well when it is wrong."""
+    def _is_near(self) -> bool:
+        """Whether lines explain so much that losses of light show, and the way of the light, which they explain nearly
+        as well when it is wrong."""
         left = self.view.left(self.lines)
-        return not self.method.takes_bench_as_told and (left is None or left <= FAR_OF_NOISE)
+        return left is None or left <= FAR_OF_NOISE
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -199,11 +205,10 @@ class LinesOfImage:
         counters["discrepancy"] = left = view.discrepancy(heights)
         warnings = list(answer.warnings)
         if view is not self.told:
+            counters["losses"] = effects_of(view.scene)
+        if view is not self.told and not self.bench.is_told(self.numbers):
             record = bench_record(self.numbers, self.bench)
-            counters |= {
-                "bench": record.record | {"light": self.bench.field.tolist()},
-                "losses": effects_of(view.scene),
-            }
+            counters["bench"] = record.record | {"light": self.bench.field.tolist()}
             warnings += bench_warnings(self.numbers, self.bench, record)
         uncertainty = None
         if answer.uncertainty_m is not None:
@@ -287,6 +292,29 @@ class LinesOfImage:
             self.lines = search.lines if len(search.lines) else start
             self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
 
+    def _losses_shown(self) -> Scene:
+        """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
+        image = seen_on(self.told.image, self.numbers, self.bench)
+        scene = with_losses(self.view.scene, partial(self._misfit, image, self.view.blur_px))
+        return self.numbers.scene.model_copy(update=effects_of(scene))
+
+    def _fit_with_losses(self) -> None:
+        """Lines with losses of light, where they explain the image better: left out they look like another gap."""
+        kept = self.lines, self.view, self.numbers, self.model.shape
+        lossy = self._losses_shown()
+        if lossy == self.numbers.scene:
+            return
+        self.numbers = dataclasses.replace(self.numbers, scene=lossy)
+        try:
+            self.lines, _ = self._together(self.view.blur_px).on(self.lines, self.bench)
+            self.view = self._on(self.bench)
+        except KeyboardInterrupt:
+            self.lines, self.view, self.numbers, self.model.shape = kept
+            raise
+        was, now = kept[1].left(kept[0]), self.view.left(self.lines)
+        if was is None or now is None or not now < was:
+            self.lines, self.view, self.numbers, self.model.shape = kept
+
     def _fit_with_gap(self) -> None:
         """Lines with gap, base and index as one number, where that is significantly other than told."""
         kept = self.lines, self.view, self.bench, self.model.shape
@@ -313,12 +341,8 @@ class LinesOfImage:
         """Lines with the bench they tell, where that explains the image better."""
         for _ in range(BENCH_ROUNDS):
             kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
-            blur_px = self.view.blur_px
-            image = seen_on(self.told.image, self.numbers, self.bench)
-            scene = with_losses(self.view.scene, partial(self._misfit, image, blur_px))
-            told = self.numbers.scene.model_copy(update=effects_of(scene))
-            self.numbers = dataclasses.replace(self.numbers, scene=told)
-            together = self._together(blur_px)
+            self.numbers = dataclasses.replace(self.numbers, scene=self._losses_shown())
+            together = self._together(self.view.blur_px)
             try:
                 self.lines, self.bench = together(self.lines, self.bench)
                 self.view = self._on(self.bench)
