@@ -4,12 +4,11 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 
-from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
@@ -20,11 +19,11 @@ from nets.reconstruct.fibres.bench_of_lines import (
     seen_on,
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.fibres.search import FAR_OF_NOISE, ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
@@ -57,20 +56,6 @@ BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
 """A bench must lower the discrepancy by this factor to be kept."""
-
-
-class FibresOf(Protocol):
-    """What of ``fibres`` the lines of an image need to know."""
-
-    name: str
-    options: FibresOptions
-    network: Direct
-    device: torch.device
-    scene: Scene
-    refinement: Refinement
-    finds_bench: bool
-    takes_bench_as_told: bool
-    finds_section: bool
 
 
 class LinesOfImage:
@@ -184,8 +169,7 @@ class LinesOfImage:
         return self.method.finds_bench and not self.view.is_explained(self.lines)
 
     def _is_near(self) -> bool:
-        """Whether lines explain so much that losses of light show, and the way of the light, which they explain nearly
-        as well when it is wrong."""
+        """Whether so much is explained that losses of light show, and how far it goes, which costs little when wrong."""
         left = self.view.left(self.lines)
         return left is None or left <= FAR_OF_NOISE
 

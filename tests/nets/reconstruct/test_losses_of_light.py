@@ -49,3 +49,24 @@ def test_direct_finds_them_in_the_image(monkeypatch, saved, effects):
     if effects:
         without = create("direct", SCENE, weights=saved("direct", scene=SCENE), losses=False, **options)
         assert found.residual < 0.98 * without.reconstruct(image).residual
+
+
+@pytest.mark.parametrize("effects", [{}, {"fresnel": True}])
+def test_lines_are_found_with_them(monkeypatch, saved, effects):
+    truth = LineModel(SCENE).heights(LINES)
+    shown = CausticSimulator(SCENE.model_copy(update=effects))(truth).numpy()
+    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
+    wrong = truth + 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(1))
+    monkeypatch.setattr(
+        answers_module, "Replayed", lambda module: lambda images: wrong.expand(len(images), N, N).clone()
+    )
+    weights = saved("direct", scene=SCENE)
+    found = create("fibres", SCENE, weights=weights).reconstruct(image)
+    assert found.counters["explained_by"] == "fibres" and "bench" not in found.counters
+    assert found.counters.get("losses", {}).get("fresnel", False) == effects.get("fresnel", False)
+    assert np.sqrt(np.mean((found.heights_m - truth.numpy()) ** 2)) < 3e-6
+    if effects:
+        without = create("fibres", SCENE, weights=weights, losses=False).reconstruct(image)
+        assert "losses" not in without.counters
+        assert found.counters["discrepancy"] < 0.99 * without.counters["discrepancy"]
