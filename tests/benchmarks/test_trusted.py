@@ -115,6 +115,20 @@ def test_the_page_says_what_a_gpus_results_are_worth():
         )
 
 
+def test_the_page_counts_the_wrong_ones_of_another_gpu():
+    """Benches, and how many results were wrong and flagged."""
+    rows = json.loads(Path("benchmarks/trusted_h100.json").read_text())["rows"]
+    text = " ".join(Path("docs/trust.md").read_text().split("plates more on an H100")[1].split())
+    wrong, good = ([row for row in rows if is_wrong(row) == is_so] for is_so in (True, False))
+    flagged = [sum(row["is_flagged"] for row in each) for each in (wrong, good)]
+    said = re.search(
+        r"Of these (\d+) results (\d+) are wrong, (\d+) of them flagged; of the (\d+) others (\d+) is", text
+    )
+    assert [int(n) for n in said.groups()] == [len(rows), len(wrong), flagged[0], len(good), flagged[1]]
+    for name, error in re.findall(r"(careful|ordinary|poor),? ([\d.]+)(?=,| um)", text.split("Of these")[0]):
+        assert float(error) == pytest.approx(np.mean([r["rmse_um"] for r in rows if r["row"] == name]), abs=0.051)
+
+
 @pytest.mark.slow
 def test_its_plates_are_of_its_seed():
     one, same, other = (next(plates("nothing", 1, seed, "cpu"))[1] for seed in (5, 5, 6))
