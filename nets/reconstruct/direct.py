@@ -78,6 +78,11 @@ class DirectOptions(RefinementOptions):
     ambient: Annotated[float, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     """Stray light that is told, relative to a flat plate's: taken off the image."""
 
+    @property
+    def flatness_beside(self) -> float:
+        """Of the base [m], where the uncertainty has no part of the bench, which else has it."""
+        return 0.0 if self.bench_uncertainty else self.flatness_m or 0.0
+
     @model_validator(mode="before")
     @classmethod
     def _flatness_is_no_number_to_look_for(cls, given: Any) -> Any:
@@ -301,7 +306,7 @@ class Direct(Reconstructor):
         if not interrupted:
             resimulation = resimulation.exposed(heights)
         calibration = FAMILY_CALIBRATION if found.looked_by.network.is_told else DIRECT_CALIBRATION
-        flatness = self.options.flatness_m or 0.0
+        flatness = self.options.flatness_beside
         spread = uncertainty(found.looked.double(), calibration, network.seen.scale, flatness)
         no_spread = self._no_uncertainty(network, len(found.looked))
         timings = {"network": log.elapsed_s}

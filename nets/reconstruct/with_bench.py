@@ -36,8 +36,8 @@ def with_bench(
         found: heights on the grid of the numbers' scene.
         numbers: of the bench as it is told, with what is known of them.
         counted: names of those that the uncertainty has a part of already, having been found with lines.
-        flatness_m: standard deviation of the base from a plane that the uncertainty has a part of already [m]; None:
-            nobody says, so that it is known as well as the rest of the bench.
+        flatness_m: standard deviation of the base from a plane [m]; None: nobody says, so that it is known as well as
+            the rest of the bench.
     """
     if found.uncertainty_m is None:
         return found
@@ -55,11 +55,11 @@ def with_bench(
                 widths.get(cause["name"], 0.0), KEPT_BY_HEIGHTS * cause["value"], cause["sigma"]
             )
     widths = {name: widths[name] for name in widths if name in known and name not in counted}
-    flat = care.times * FLATNESS_M if flatness_m is None else 0.0
+    flat = care.times * FLATNESS_M if flatness_m is None else flatness_m
     part = bench_uncertainty(numbers.scene, found.heights_m, widths).beside(FLATNESS, flat)
     network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
     whole = np.hypot(found.uncertainty_m, part.total_m)
-    if flat and care.times > 1:
+    if flatness_m is None and care.times > 1:
         widened.append(FLATNESS)
     record = {"network_um": 1e6 * network, **part.record, "care": care.record(part.widths, widened)}
     return dataclasses.replace(found, uncertainty_m=whole, counters=found.counters | {"uncertainty": record})

@@ -201,7 +201,7 @@ class LinesOfImage:
             posterior = None
             if self.takes_lines and self.covariance is not None:
                 posterior = height_deviation(self.model, self.lines, self.covariance)
-            flat = method.options.flatness_m or 0.0
+            flat = method.options.flatness_beside
             uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior)
         result = network_result(
             method.name,

@@ -180,5 +180,8 @@ def test_how_flat_the_base_is_may_be_said_as_of_any_other_number():
     assert DirectOptions(priors={"flatness_m": 0}).flatness_m == 0 and DirectOptions().flatness_m is None
     assert DirectOptions(**options.model_dump()) == options
     assert FibresOptions(priors={"flatness_m": 2e-6}).flatness_m == 2e-6
+    assert options.flatness_beside == 0  # the bench's part has it
+    alone = DirectOptions(flatness_m=2e-6, bench_uncertainty=False)
+    assert alone.flatness_beside == 2e-6 and DirectOptions(bench_uncertainty=False).flatness_beside == 0
     with pytest.raises(ValueError, match="flatness_m"):
         DirectOptions(priors={"flatness_m": -1})

@@ -72,6 +72,8 @@ def test_a_base_is_as_flat_as_the_bench_is_careful_unless_somebody_says():
     assert parts["numbers"][FLATNESS] == {"sigma": pytest.approx(10 * FLATNESS_M), "um": pytest.approx(5.0)}
     assert parts["bench_um"] > 5.0
     assert "flatness_m +- 5e-06" in parts["care"]["line"]
+    said = with_bench(result(uneven=20, aside=10), NUMBERS, flatness_m=3e-6).counters["uncertainty"]
+    assert said["numbers"][FLATNESS]["sigma"] == 3e-6 and "flatness_m" not in said["care"]["line"]
     told = with_bench(result(uneven=20, aside=10), NUMBERS, flatness_m=0.0)
     assert FLATNESS not in told.counters["uncertainty"]["numbers"]
     assert FLATNESS not in told.counters["uncertainty"]["care"]["line"]
