@@ -2,8 +2,8 @@
 
 Displaced by two pixels at the rim, the network finds heights that have made up for all of it, and a step from those
 stays where it is, or goes astray: heights that made up for the size seem to be off in place and stray light. But what
-its answers leave of the image falls steadily towards the right size: 0.38, 0.35, 0.32 and
-0.22 of it with a picture 1 % too large that is taken for 0, 0.25, 0.5 and 1 % larger. So two more sizes are asked.
+its answers leave of the image falls steadily towards the right size: 0.38, 0.35, 0.32 and 0.22 of it with a picture 1 %
+too large that is taken for 0, 0.25, 0.5 and 1 % larger. So two more sizes are asked.
 """
 
 from collections.abc import Mapping

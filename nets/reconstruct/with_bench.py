@@ -60,6 +60,6 @@ def with_bench(
     network = float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
     whole = np.hypot(found.uncertainty_m, part.total_m)
     if flatness_m is None and care.times > 1:
-        widened.append(FLATNESS)
+        widened = [*widened, FLATNESS]
     record = {"network_um": 1e6 * network, **part.record, "care": care.record(part.widths, widened)}
     return dataclasses.replace(found, uncertainty_m=whole, counters=found.counters | {"uncertainty": record})

@@ -169,7 +169,7 @@ class LinesOfImage:
         return self.method.finds_bench and not self.view.is_explained(self.lines)
 
     def _is_near(self) -> bool:
-        """Whether so much is explained that losses of light show, and how far it goes, which is nearly free."""
+        """Whether lines are near enough that losses of light show, and a wrong gap, which costs little of the image."""
         left = self.view.left(self.lines)
         return left is None or left <= FAR_OF_NOISE
 

@@ -16,7 +16,7 @@ from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench
-from warp_caustics.found_bench.bench_step import bench_step
+from warp_caustics.found_bench.bench_step import BenchStep, bench_step
 from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -67,6 +67,25 @@ def truthful(monkeypatch, saved, relief):
 
 def number(result, name):
     return next(each for each in result.counters["bench"]["numbers"] if each["name"] == name)
+
+
+def test_another_size_is_asked_though_the_first_step_says_something_else(truthful, relief, monkeypatch):
+    """Heights that have made up for a picture of another size seem to be off in stray light."""
+    image, method = taken(relief), truthful(set_up="estimate")
+    search = BenchSearch(method, method.numbers)
+    far = {**search.before, "vergence_per_m": 2.0}
+    looked_at = []
+
+    def step(heights, values):
+        looked_at.append(dict(values))
+        astray = {**values, AMBIENT: 0.03} if values == search.before else dict(values)
+        return BenchStep(astray, dict.fromkeys(values, 1e-3), 0.0 if values == far else 100.0)
+
+    monkeypatch.setattr(search, "_step_of", lambda image, told: step)
+    monkeypatch.setattr(search, "_far_start", lambda image, told, answer: far)
+    monkeypatch.setattr(search, "answer", lambda image, told, values: relief)
+    found, steps, _ = search._searched(image, method.found(image), relief, search.before, None)
+    assert looked_at == [search.before, far] and found == far and len(steps) == 2
 
 
 def test_a_bench_that_is_as_told_leaves_the_result_as_it_is(truthful, relief):

@@ -18,6 +18,22 @@ BOTH = {"fresnel": True, "second_hits": "lost"}
 LINES = 1e-3 * torch.tensor([[-15.0, -12.0, 14.0, 9.0, 4.0, 1.6], [-9.0, 15.0, 10.0, -16.0, 4.0, 1.8]]).double()
 
 
+def photographed(effects):
+    """Lines with losses of light and noise: heights [m], and their image."""
+    truth = LineModel(SCENE).heights(LINES)
+    shown = CausticSimulator(SCENE.model_copy(update=effects))(truth).numpy()
+    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
+    return truth, CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
+
+
+def answer_nearly(monkeypatch, truth):
+    """Networks answer what is 2 um off."""
+    wrong = truth + 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(1))
+    monkeypatch.setattr(
+        answers_module, "Replayed", lambda module: lambda images: wrong.expand(len(images), N, N).clone()
+    )
+
+
 def test_the_least_is_taken_and_what_was_told_where_nothing_is_gained():
     asked = []
 
@@ -35,14 +51,8 @@ def test_the_least_is_taken_and_what_was_told_where_nothing_is_gained():
 
 @pytest.mark.parametrize("effects", [{}, BOTH])
 def test_direct_finds_them_in_the_image(monkeypatch, saved, effects):
-    truth = LineModel(SCENE).heights(LINES)
-    shown = CausticSimulator(SCENE.model_copy(update=effects))(truth).numpy()
-    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
-    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
-    wrong = truth + 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(1))
-    monkeypatch.setattr(
-        answers_module, "Replayed", lambda module: lambda images: wrong.expand(len(images), N, N).clone()
-    )
+    truth, image = photographed(effects)
+    answer_nearly(monkeypatch, truth)
     options = {"symmetries": False, "refine_pixels": 2 * N, "refine_iterations": 40, "causes": False}
     found = create("direct", SCENE, weights=saved("direct", scene=SCENE), losses=True, **options).reconstruct(image)
     assert found.counters["losses"] == effects_of(SCENE.model_copy(update=effects))
@@ -53,14 +63,8 @@ def test_direct_finds_them_in_the_image(monkeypatch, saved, effects):
 
 @pytest.mark.parametrize("effects", [{}, {"fresnel": True}])
 def test_lines_are_found_with_them(monkeypatch, saved, effects):
-    truth = LineModel(SCENE).heights(LINES)
-    shown = CausticSimulator(SCENE.model_copy(update=effects))(truth).numpy()
-    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
-    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
-    wrong = truth + 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(1))
-    monkeypatch.setattr(
-        answers_module, "Replayed", lambda module: lambda images: wrong.expand(len(images), N, N).clone()
-    )
+    truth, image = photographed(effects)
+    answer_nearly(monkeypatch, truth)
     weights = saved("direct", scene=SCENE)
     found = create("fibres", SCENE, weights=weights).reconstruct(image)
     assert found.counters["explained_by"] == "fibres" and "bench" not in found.counters
