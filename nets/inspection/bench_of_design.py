@@ -12,7 +12,6 @@ from functools import partial
 import torch
 
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
-from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -30,7 +29,7 @@ from warp_caustics.types import FloatArray
 ROUNDS = 2
 """In which bench and lines are found together, and lines then fitted on that bench."""
 GAIN = 0.9
-"""A bench must lower the discrepancy by this factor to be kept."""
+"""A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 
 Fit = Callable[[torch.Tensor, LinesView], torch.Tensor]
 """Of lines, shape [L, 6] [m], and a view: lines that explain it better."""
@@ -98,11 +97,12 @@ def bench_of_design(
             return best
         moved = fit(moved, found)
         was, now = view.left(lines), found.left(moved)
-        if was is None or now is None or not now < GAIN * was:
+        is_done = found.is_explained(moved)
+        if was is None or now is None or not now < (1.0 if is_done else GAIN) * was:
             return best
         lines, view = moved, found
         best = OnBench(lines, view, at, numbers, together.covariance(lines, at))
-        if is_explained(now):
+        if is_done:
             return best
     return best
 

@@ -24,7 +24,7 @@ from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.search import FAR_OF_NOISE, ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
@@ -55,7 +55,7 @@ they leave more than noise, ``direct`` must leave more when both are refined."""
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
-"""A bench must lower the discrepancy by this factor to be kept."""
+"""A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 
 
 class LinesOfImage:
@@ -170,8 +170,7 @@ class LinesOfImage:
 
     def _is_near(self) -> bool:
         """Whether lines are near enough that losses of light show, and a wrong gap, which costs little of the image."""
-        left = self.view.left(self.lines)
-        return left is None or left <= FAR_OF_NOISE
+        return self.view.is_near(self.lines)
 
     def result(self) -> Reconstruction:
         """Lines if they explain the image better than the network's relief, else that relief, refined."""
@@ -202,7 +201,8 @@ class LinesOfImage:
             if self.takes_lines and self.covariance is not None:
                 posterior = height_deviation(self.model, self.lines, self.covariance)
             flat = method.options.flatness_beside
-            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior)
+            places = view.discrepancy.places(heights) if is_noise_left else None
+            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places)
         result = network_result(
             method.name,
             view.resimulation,
@@ -266,7 +266,7 @@ class LinesOfImage:
             finds_section=method.finds_section and is_first,
             moves_section=self.moves_section,
             answer=Answer(relief_m, spread_m, method.options.most_lines),
-            discrepancy=view.left,
+            view=view,
             report=self._note,
             blur_px=view.blur_px,
         )
@@ -315,7 +315,8 @@ class LinesOfImage:
             self.lines, self.view, self.bench, self.model.shape = kept
             raise
         was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-        if was is None or now is None or not now < (1.0 if is_explained(now) else BENCH_GAIN) * was:
+        enough = 1.0 if self.view.is_explained(self.lines) else BENCH_GAIN
+        if was is None or now is None or not now < enough * was:
             self.lines, self.view, self.bench, self.model.shape = kept
             return
         self.covariance = together.covariance(self.lines, self.bench)
@@ -336,12 +337,13 @@ class LinesOfImage:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 raise
             was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-            enough = BENCH_GAIN if self.covariance is not None or not self.is_elsewhere else 1.0
+            is_done = self.view.is_explained(self.lines)
+            enough = BENCH_GAIN if (self.covariance is not None or not self.is_elsewhere) and not is_done else 1.0
             if was is None or now is None or not now < enough * was:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 return
             self.covariance = together.covariance(self.lines, self.bench)
-            if is_explained(now):
+            if is_done:
                 return
 
     def _together(self, blur_px: FloatArray) -> BenchOfLines:

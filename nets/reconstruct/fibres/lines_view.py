@@ -5,7 +5,7 @@ from functools import cached_property
 
 import torch
 
-from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained
+from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE, Discrepancy, is_explained
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
@@ -52,9 +52,17 @@ class LinesView:
         return as_glass(self.model.heights(lines).double().cpu().numpy(), self.scene)
 
     def left(self, lines: torch.Tensor) -> float | None:
-        """Discrepancy of lines; None if the noise of the image is unknown."""
-        return self.discrepancy(self.relief(lines))
+        """Discrepancy of lines in the whole image; None if the noise of the image is unknown.
+
+        This compares what is left on one bench with what is left on another, where other light may count as moved.
+        """
+        return self.discrepancy.of_all(self.relief(lines))
 
     def is_explained(self, lines: torch.Tensor) -> bool:
         """Whether lines leave nothing but noise."""
-        return is_explained(self.left(lines))
+        return is_explained(self.discrepancy(self.relief(lines)))
+
+    def is_near(self, lines: torch.Tensor) -> bool:
+        """Whether lines are near enough to the plate's that a descent on all pixels may leave nothing but noise."""
+        left = self.left(lines)
+        return left is None or left <= FAR_OF_NOISE

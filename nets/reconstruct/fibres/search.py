@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.image_fit import (
     FINE_PHOTONS_PER_PIXEL,
     METRIC_PHOTONS_PER_PIXEL,
@@ -17,6 +16,7 @@ from nets.reconstruct.fibres.image_fit import (
 )
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.section import with_section_found
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -35,9 +35,6 @@ JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
 
 FINE_ROUNDS = 3
 """Rounds on more pixels, at most."""
-
-FAR_OF_NOISE = 5.0
-"""Discrepancy above which a descent on all pixels does not bring lines down to noise: 1.1 to 3.3 came down to it."""
 
 ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
@@ -71,8 +68,8 @@ class LineSearch:
         finds_section: the model's section and overlap are looked for first.
         moves_section: descents move the section; they do where another was found.
         answer: of the network, which tells where lines may be missing; None leaves their number.
-        discrepancy: what lines leave of the image, in units of its noise; where it is more than noise, the search goes
-            on with more pixels. None ends it.
+        view: the image and its bench; where lines leave more than noise of it, the search goes on with more pixels.
+            None ends it.
         report: called after each evaluation with its loss; may raise.
         blur_px: standard deviation of the camera's blur [px of the scene], shape [n_w]; None for none.
     """
@@ -89,11 +86,11 @@ class LineSearch:
         finds_section: bool = False,
         moves_section: bool = False,
         answer: Answer | None = None,
-        discrepancy: Callable[[torch.Tensor], float | None] | None = None,
+        view: LinesView | None = None,
         report: Callable[[float], None] | None = None,
         blur_px: FloatArray | None = None,
     ):
-        self.jumps, self.iterations, self.answer, self.discrepancy = jumps, iterations, answer, discrepancy
+        self.jumps, self.iterations, self.answer, self.view = jumps, iterations, answer, view
         self.finds_section, self.moves_section = finds_section, moves_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
@@ -150,7 +147,7 @@ class LineSearch:
             self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
         else:
             self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines
-        for _ in range(FINE_ROUNDS if self.jumps and self.discrepancy is not None else 0):
+        for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):
             if self._is_solved():
                 return self.lines
             _, has_gained = self._searched(self.fine, self.lines, rounds=1)
@@ -161,12 +158,11 @@ class LineSearch:
 
     def _is_solved(self) -> bool:
         """Whether lines leave nothing but noise, after a descent on all pixels; far from that it would be wasted."""
-        assert self.discrepancy is not None
-        left = self.discrepancy(self.lines)
-        if left is not None and left > FAR_OF_NOISE:
+        assert self.view is not None
+        if not self.view.is_near(self.lines):
             return False
         self._finish()
-        return is_explained(self.discrepancy(self.lines))
+        return self.view.is_explained(self.lines)
 
     def _finish(self) -> None:
         if self.last is not None:

@@ -62,6 +62,7 @@ def of_lines(
     is_noise_left: bool,
     flatness_m: float,
     posterior_m: FloatArray | None = None,
+    places: FloatArray | None = None,
 ) -> FloatArray:
     """Standard uncertainty of a relief of lines [m], shape [n, n].
 
@@ -75,6 +76,9 @@ def of_lines(
         flatness_m: standard deviation of the base from a plane [m].
         posterior_m: what lines and a bench that were found together leave open [m], shape [n, n]
             (:mod:`nets.reconstruct.fibres.line_posterior`); None on the told bench.
+        places: share of the image's contrast that they leave around each sample beyond noise, shape [n, n]
+            (:meth:`nets.reconstruct.fibres.discrepancy.Discrepancy.places`); counts where nothing has been refined.
+            Lines that are wrong in a place do not move elsewhere to make up for it, as free heights do.
     """
     found = network_m
     if rest is not None:
@@ -83,6 +87,8 @@ def of_lines(
         found = design_uncertainty(SPREADS / DIRECT_CALIBRATION.scale * found, EXPLAINED_LINES)
     if posterior_m is not None:
         found = np.hypot(found, posterior_m)
+    if places is not None:
+        found = np.hypot(found, DIRECT_CALIBRATION.shared * places * local_relief(heights_m))
     return np.hypot(found, flatness_m) if flatness_m else found
 
 

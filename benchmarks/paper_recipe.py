@@ -1,0 +1,394 @@
+"""The paper's updater trained as printed, its ablations beside it, several seeds of each: one table.
+
+    python -m benchmarks.paper_recipe train -o FOLDER [--device cuda] [--seeds 0 1 2] [--within 1500]
+    python -m benchmarks.paper_recipe judge -o FOLDER [--device cuda] --json benchmarks/paper_recipes.json
+    python -m benchmarks.paper_recipe table --json benchmarks/paper_recipes.json
+
+Single steps from perturbed reliefs, Tab. 2's networks, Adam at Tab. 2's rate to the end, 90,000 samples an epoch, an
+end after three epochs without progress (sections 2.1 and 2.2). All networks of a process learn side by side from the
+same pool, because a sample takes longer to simulate than to learn from; each draws its own batches of it. A second
+`train` goes on where the first ended. `judge` makes ten iterations from flat on the ten development fields.
+
+What differs from the print: images that are seen are a lattice's, simulated ones have few photons with the noise of
+Tab. 1's 1e6 (docs/data.md), networks compute in bfloat16, and gradients are cut at a length of 1.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from benchmarks.learned import Fields, iterations
+from data_gen.samples import UpdaterSampler
+from nets.architecture import build
+from nets.shipped import FOLDER as SHIPPED
+from nets.training.batch import Batch
+from nets.training.config import RunConfig, default_run
+from nets.training.devices import autocast
+from nets.training.fresh import StrokeStream
+from nets.training.keys import fresh_dataset, step_generator, step_seed
+from nets.training.optimisation import clip_gradients, make_optimiser
+from nets.training.tasks import UpdaterTask
+from nets.training.weights import export_weights, frozen_denoiser
+
+BATCH = 16
+DENOISER = SHIPPED / "denoiser.safetensors"
+EPOCH_SAMPLES = 90_000
+"""Nine tenths of 100,000; the other tenth would judge."""
+PATIENCE = 3
+RECORD_STEPS = 200
+VARIANTS = {
+    "full": ("paper-updater", True),
+    "no denoiser": ("paper-updater", False),
+    "no gradient": ("paper-updater-no-gradient", True),
+}
+"""Network, and whether simulated images are denoised."""
+KEPT = ("target", "noisy", "denoised")
+"""Images, kept in 16 bits."""
+
+
+class Options(NamedTuple):
+    """Of a training of all networks."""
+
+    device: str
+    epoch: int
+    """Samples."""
+    fresh: int
+    """New samples in each step."""
+    pool: int
+    validation: int
+    compile: bool
+    traced: int
+    """Photons of a simulated image."""
+
+
+def run_of(variant: str, seed: int, options: Options) -> RunConfig:
+    """The training of one network."""
+    preset, is_denoised = VARIANTS[variant]
+    tree = default_run("updater", preset)
+    denoiser = str(DENOISER) if is_denoised else None
+    tree["training"] |= {
+        "seed": seed,
+        "batch_size": BATCH,
+        "clip_norm": 1.0,
+        "precision": "bf16" if options.device.startswith("cuda") else "32",
+        "steps_per_epoch": max(1, options.epoch // BATCH),
+        "compile": options.compile,
+        "denoiser_weights": denoiser,
+        "noisy": tree["training"]["noisy"] | {"traced": options.traced},
+        "clean": {"preset": "lattice"},
+    }
+    return RunConfig.model_validate(tree)
+
+
+class Samples:
+    """What all networks learn from: each sample with its image raw and denoised, and the gradient of either.
+
+    Args:
+        config: gives data set and denoiser.
+        device: where.
+    """
+
+    def __init__(self, config: RunConfig, device: torch.device, *, is_validation: bool = False):
+        self.denoiser = frozen_denoiser(config, device)[0]
+        dataset = fresh_dataset(config, is_validation=is_validation, denoiser=None)
+        shares = config.training.noisy.traced is not None
+        self.sampler = UpdaterSampler(dataset, device, shares_photons=shares)
+        self.strokes = StrokeStream(dataset, device, with_start=True)
+
+    def __call__(self, ids: range, following: Sequence[range] = ()) -> Batch:
+        heights, start = self.strokes.reliefs(ids, following)
+        target = self.sampler.target(heights, ids)
+        noisy, raw = self.sampler.simulated.with_gradient(start, target, ids)
+        denoised, gradient = self.sampler.simulated.with_gradient(start, target, ids, self.denoiser)
+        return {
+            "heights": heights,
+            "start": start,
+            "target": target,
+            "noisy": noisy,
+            "denoised": denoised,
+            "gradient": gradient,
+            "raw_gradient": raw,
+        }
+
+
+def as_seen(batch: Batch, variant: str) -> Batch:
+    """A batch as the networks of a variant are given it."""
+    is_denoised = VARIANTS[variant][1]
+    shown = {name: batch[name] for name in ("heights", "start", "target")}
+    names = ("denoised", "gradient") if is_denoised else ("noisy", "raw_gradient")
+    return shown | {"simulated": batch[names[0]], "gradient": batch[names[1]]}
+
+
+class Learner:
+    """One network, its optimiser and how it did."""
+
+    def __init__(self, variant: str, seed: int, options: Options):
+        self.name, self.variant, self.seed = f"{variant}-{seed}".replace(" ", "-"), variant, seed
+        self.config = run_of(variant, seed, options)
+        self.device = torch.device(options.device)
+        torch.manual_seed(step_seed(seed, "weights", 0))
+        self.network = build(self.config.network, self.config.scene).to(self.device)
+        self.network = self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.optimiser = make_optimiser(self.network, self.config.training, self.device)
+        self.task = UpdaterTask(self.config, self.device)
+        self.called: Any = torch.compile(self.network) if options.compile else self.network
+        self.losses: list[float] = []
+        self.epochs: list[dict[str, float]] = []
+        self._sum, self._count = torch.zeros((), device=self.device), 0
+        self._norm = torch.zeros((), device=self.device)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it went so many epochs without progress."""
+        values = [epoch["val_loss"] for epoch in self.epochs]
+        return len(values) > PATIENCE and min(values[-PATIENCE:]) >= min(values[:-PATIENCE])
+
+    def model(self, *args: Any) -> Any:
+        """The network as it learns."""
+        with autocast(self.config.training.precision, self.device):
+            return self.called(*args)
+
+    @torch.no_grad()
+    def measures(self, batches: list[Batch]) -> dict[str, float]:
+        """How well it does on validation batches."""
+
+        def judged(*args: Any) -> Any:
+            with autocast(self.config.training.precision, self.device):
+                return self.network(*args)
+
+        return self.task.measures(judged, [as_seen(batch, self.variant) for batch in batches])
+
+    def learn(self, batch: Batch, step: int) -> None:
+        """One step of Adam."""
+        loss = self.task.loss(self.model, as_seen(batch, self.variant), step, 0.0)
+        loss.backward()  # type: ignore[no-untyped-call]
+        clip_gradients(self.network, self.config.training, self._norm)
+        self.optimiser.step()
+        self.optimiser.zero_grad(set_to_none=True)
+        self._sum += loss.detach()
+        self._count += 1
+        if (step + 1) % RECORD_STEPS == 0:
+            self.losses.append(round(float(self._sum) / self._count, 5))
+            self._sum.zero_()
+            self._count = 0
+
+    def state(self) -> dict[str, Any]:
+        return {
+            "network": self.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "losses": self.losses,
+            "epochs": self.epochs,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.losses, self.epochs = list(state["losses"]), list(state["epochs"])
+
+
+class Pool:
+    """The last samples, of which each network draws its own batches.
+
+    Args:
+        samples: makes them.
+        options: how many are kept, made in a step and different at all.
+        device: where.
+    """
+
+    def __init__(self, samples: Samples, options: Options, device: torch.device):
+        self.samples, self.options, self.device = samples, options, device
+        self.slots = max(1, options.pool // options.fresh)
+        self.rounds, self.kept = 0, Batch()
+
+    def ids(self, round_: int) -> range:
+        """Sample numbers of a round; after an epoch's samples the first come again."""
+        first = round_ * self.options.fresh % (self.options.epoch // self.options.fresh * self.options.fresh)
+        return range(first, first + self.options.fresh)
+
+    @torch.no_grad()
+    def fill(self, rounds: int) -> None:
+        """Have the samples of so many rounds; those that would be replaced again are not made."""
+        self.rounds = max(self.rounds, rounds - self.slots)
+        while self.rounds < rounds:
+            batch = self.samples(self.ids(self.rounds), [self.ids(self.rounds + k) for k in range(1, 5)])
+            first = self.rounds % self.slots * self.options.fresh
+            for name, values in batch.items():
+                if name not in self.kept:
+                    dtype = torch.float16 if name in KEPT else torch.float32
+                    shape = (self.slots * self.options.fresh, *values.shape[1:])
+                    self.kept[name] = torch.empty(shape, dtype=dtype, device=self.device)
+                limit = torch.finfo(self.kept[name].dtype).max
+                self.kept[name][first : first + self.options.fresh] = values.clamp(max=limit)
+            self.rounds += 1
+
+    def batch(self, step: int, seed: int) -> Batch:
+        """A network's batch of a step."""
+        available = min(self.rounds, self.slots) * self.options.fresh
+        generator = step_generator(seed, "pool", step, 0, self.device)
+        chosen = torch.randint(available, (BATCH,), generator=generator, device=self.device)
+        return {name: kept[chosen].float() for name, kept in self.kept.items()}
+
+
+def train(
+    folder: Path, seeds: Sequence[int], variants: Sequence[str], options: Options, within_s: float, epochs: int
+) -> None:
+    """Train, or go on, and write states, weights and the record of each network."""
+    started = time.monotonic()
+    device = torch.device(options.device)
+    torch.backends.cudnn.benchmark = torch.backends.cudnn.allow_tf32 = True
+    torch._dynamo.config.recompile_limit = 4 * len(seeds) * len(variants)
+    folder.mkdir(parents=True, exist_ok=True)
+    learners = [Learner(variant, seed, options) for seed in seeds for variant in variants]
+    step, seconds = _restored(folder, learners)
+    config = run_of("full", min(seeds), options)
+    pool = Pool(Samples(config, device), options, device)
+    judging = Samples(config, device, is_validation=True)
+    batches = [judging(range(k, min(k + BATCH, options.validation))) for k in range(0, options.validation, BATCH)]
+    pool.fill(step + pool.slots // 4)
+    steps_per_epoch = config.training.steps_per_epoch
+    print(f"{len(learners)} networks from step {step}, {time.monotonic() - started:.0f} s to prepare", flush=True)
+    begun = time.monotonic()
+    while step < epochs * steps_per_epoch and time.monotonic() - started < within_s:
+        pool.fill(step + 1 + pool.slots // 4)
+        for learner in learners:
+            if not learner.is_done:
+                learner.learn(pool.batch(step, step_seed(learner.seed, learner.variant, 0)), step)
+        step += 1
+        if step % steps_per_epoch == 0:
+            for learner in learners:
+                if not learner.is_done:
+                    learner.epochs.append(learner.measures(batches))
+        if step % RECORD_STEPS == 0:
+            losses = " ".join(f"{learner.losses[-1]:.3f}" for learner in learners if learner.losses)
+            print(f"step {step}, {time.monotonic() - begun:.0f} s, loss {losses}", flush=True)
+    for samples in (pool.samples, judging):
+        samples.strokes.close()
+    seconds += time.monotonic() - begun
+    _write(folder, learners, step, seconds, options, batches)
+
+
+def _restored(folder: Path, learners: Sequence[Learner]) -> tuple[int, float]:
+    """Step and seconds that the states in a folder are of."""
+    reached = (0, 0.0)
+    for learner in learners:
+        path = folder / f"{learner.name}.pt"
+        if path.exists():
+            state = torch.load(path, map_location=learner.device, weights_only=False)
+            learner.restore(state)
+            reached = (state["step"], state["seconds"])
+    return reached
+
+
+def _write(
+    folder: Path, learners: Sequence[Learner], step: int, seconds: float, options: Options, batches: list[Batch]
+) -> None:
+    for learner in learners:
+        torch.save(learner.state() | {"step": step, "seconds": seconds}, folder / f"{learner.name}.pt")
+        at_end = {}
+        if torch.isfinite(torch.cat([p.detach().flatten() for p in learner.network.parameters()])).all():
+            at_end = learner.measures(batches)
+            told = {"kind": "updater", "steps": step, "batch": BATCH}
+            weights = folder / f"{learner.name}.safetensors"
+            export_weights(weights, learner.network, learner.config, told)
+        visits = step * BATCH
+        record = {
+            "variant": learner.variant,
+            "seed": learner.seed,
+            "steps": step,
+            "visits": visits,
+            "different_samples": min(step * options.fresh, options.epoch),
+            "side_by_side": len(learners),
+            "seconds": round(seconds, 1),
+            "device": torch.cuda.get_device_name(learner.device) if learner.device.type == "cuda" else "cpu",
+            "at_end": {name: round(value, 5) for name, value in at_end.items()},
+            "epochs": [{name: round(value, 5) for name, value in epoch.items()} for epoch in learner.epochs],
+            "loss_median": round(float(np.median(learner.losses)), 4) if learner.losses else None,
+            "loss_largest": max(learner.losses, default=None),
+        }
+        (folder / f"{learner.name}.json").write_text(json.dumps(record, indent=1) + "\n")
+        print(f"{learner.name:16} step {step} " + ", ".join(f"{k} {v:.4g}" for k, v in at_end.items()), flush=True)
+
+
+def judge(folder: Path, device: str, fields: int, count: int, out: Path) -> None:
+    """Ten iterations from flat on the development fields, with each network of a folder; kept in a JSON file."""
+    held = json.loads(out.read_text()) if out.exists() else {}
+    shown = Fields(fields, None, device)
+    denoiser = str(DENOISER)
+    for path in sorted(folder.glob("*.json")):
+        record, weights = json.loads(path.read_text()), path.with_suffix(".safetensors")
+        if "variant" not in record or not weights.exists():
+            continue
+        chosen: dict[str, Any] = {"weights": str(weights)}
+        if record["variant"] == "no denoiser":
+            chosen["denoise"] = False
+        else:
+            chosen["denoiser_weights"] = denoiser
+        if record["variant"] == "no gradient":
+            chosen["use_gradient"] = False
+        ((_, errors),) = iterations(shown, {path.stem: chosen}, count)
+        held[path.stem] = record | {"iterations_um": np.round(errors, 2).tolist()}
+        out.write_text(json.dumps(held, indent=1) + "\n")
+        print(f"{path.stem:16}" + "".join(f"{error:7.1f}" for error in errors.mean(0)), flush=True)
+
+
+def table(held: dict[str, Any]) -> str:
+    """Mean error [um] at each iteration, mean over seeds and their range; a row a variant."""
+    count = max(len(each["iterations_um"][0]) for each in held.values())
+    lines = [
+        "| trained as printed | seeds | " + " | ".join(str(k) for k in range(1, count)) + " |",
+        "|---|---|" + "---|" * (count - 1),
+    ]
+    for variant in VARIANTS:
+        rows = [np.mean(each["iterations_um"], axis=0) for each in held.values() if each["variant"] == variant]
+        if not rows:
+            continue
+        low, high = np.min(rows, axis=0), np.max(rows, axis=0)
+        cells = [f"{a:.0f} to {b:.0f}" if len(rows) > 1 else f"{a:.0f}" for a, b in zip(low, high, strict=True)]
+        lines.append(f"| {variant} | {len(rows)} | " + " | ".join(cells[1:]) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("train", "judge", "table"))
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--variants", nargs="+", choices=tuple(VARIANTS), default=list(VARIANTS))
+    parser.add_argument("--within", type=float, default=1e9, help="seconds, preparation and all")
+    parser.add_argument("--epochs", type=int, default=10**6)
+    parser.add_argument("--epoch-samples", type=int, default=EPOCH_SAMPLES)
+    parser.add_argument("--fresh-per-step", type=int, default=8)
+    parser.add_argument("--pool", type=int, default=2048)
+    parser.add_argument("--validation", type=int, default=128)
+    parser.add_argument("--traced", type=int, default=200_000)
+    parser.add_argument("--compile", action="store_true")
+    parser.add_argument("--fields", type=int, default=10)
+    parser.add_argument("--iterations", type=int, default=10)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    if given.what == "table":
+        print(table(json.loads(given.json.read_text())))
+    elif given.what == "judge":
+        judge(given.output, given.device, given.fields, given.iterations, given.json)
+    else:
+        options = Options(
+            given.device,
+            given.epoch_samples,
+            given.fresh_per_step,
+            given.pool,
+            given.validation,
+            given.compile,
+            given.traced,
+        )
+        train(given.output, given.seeds, given.variants, options, given.within, given.epochs)
+
+
+if __name__ == "__main__":
+    main()
