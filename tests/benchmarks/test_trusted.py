@@ -122,7 +122,7 @@ def test_the_page_counts_the_wrong_ones_of_another_gpu():
     wrong, good = ([row for row in rows if is_wrong(row) == is_so] for is_so in (True, False))
     flagged = [sum(row["is_flagged"] for row in each) for each in (wrong, good)]
     said = re.search(
-        r"Of these (\d+) results (\d+) are wrong, (\d+) of them flagged; of the (\d+) others (\d+) is", text
+        r"Of these (\d+) results (\d+) (?:is|are) wrong, (\d+) of them flagged; of the (\d+) others (\d+) is", text
     )
     assert [int(n) for n in said.groups()] == [len(rows), len(wrong), flagged[0], len(good), flagged[1]]
     for name, error in re.findall(r"(careful|ordinary|poor),? ([\d.]+)(?=,| um)", text.split("Of these")[0]):

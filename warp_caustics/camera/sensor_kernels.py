@@ -4,11 +4,12 @@ So a photo is the same whatever else is in the batch, and a batch is one launch:
 asked photo by photo.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels.made_once import made_once
 
 EXPOSURE, FULL_WELL, READ, FRAMES, BLACK, STEPS, CONTRAST, GRAINS, FRESH, HOT = range(10)
 """Columns of what kernels are told about a sensor: see :class:`warp_caustics.camera.sensors.Sensors`."""
@@ -64,7 +65,7 @@ def grain_shadow(grains: wp.array3d[wp.float32], photo: wp.int32, grain: wp.int3
     return 1.0 - grains[photo, grain, 3] * wp.clamp(radius - distance + 0.5, 0.0, 1.0)
 
 
-@cache
+@made_once
 def sensor_kernels() -> SimpleNamespace:
     """Kernels ``white``, ``filter_columns``, ``filter_rows``, ``place_grains`` and ``expose``."""
 

@@ -5,7 +5,6 @@ are (``rows.py``); surface and pixels are photon by photon. A launch of Warp run
 blocks share their scratch memory.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -13,6 +12,7 @@ import warp as wp
 
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import footprint_struct
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import adding_functions, gathering_function
 from warp_caustics.kernels.row_refraction import (
@@ -30,7 +30,7 @@ PLACE_PLANES = 3
 """Rows of the scratch memory of places: nothing (``rows.py``: where in its cell a photon lies), x and y [m]."""
 
 
-@cache
+@made_once
 def _block_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """What both kernels share: ``surface_of_block`` and ``light_of_block``."""
     refract_block, _ = row_refraction_functions(dtype, effects, is_row=False)
@@ -81,7 +81,7 @@ def _block_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     return SimpleNamespace(surface_of_block=surface_of_block, light_of_block=light_of_block)
 
 
-@cache
+@made_once
 def block_kernel(dtype: Any, profile: str, effects: Effects) -> Any:
     """Kernel ``splat_blocks``."""
     functions = _block_functions(dtype, effects)
@@ -129,7 +129,7 @@ def block_kernel(dtype: Any, profile: str, effects: Effects) -> Any:
     return splat_blocks
 
 
-@cache
+@made_once
 def block_adjoint_kernel(dtype: Any, profile: str, effects: Effects) -> Any:
     """Kernel ``splat_blocks_adjoint``."""
     functions = _block_functions(dtype, effects)

@@ -19,7 +19,6 @@ What the faces let through (``fresnel.py``) and how far a lamp of finite size bl
 grad h too. Not modelled here: light that does not come along -z.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -31,11 +30,12 @@ from warp_caustics.kernels.footprint import footprint_functions, footprint_struc
 from warp_caustics.kernels.fresnel import fresnel_functions
 from warp_caustics.kernels.general import FAR_PX, GRAZING
 from warp_caustics.kernels.lamp import lamp_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import colour_struct, optics_struct
 from warp_caustics.kernels.surface import photon_struct
 
 
-@cache
+@made_once
 def collimated_functions(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``refraction``, ``footprint`` and ``footprint_adjoint``."""
     has_fresnel, has_lamp = effects.fresnel, effects.lamp

@@ -5,10 +5,11 @@ and such that all terms together stay within 2^62 steps: see ``warp_caustics/opt
 ``surface_adjoint.py`` for gradients.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels.made_once import made_once
 
 MOST_STEPS = 2.0**62
 """Steps of all terms together, at most; half of what 64 bits hold, for what rounding adds."""
@@ -19,7 +20,7 @@ def sum_type(dtype: Any, is_fixed: bool) -> Any:
     return wp.int64 if is_fixed else dtype
 
 
-@cache
+@made_once
 def counting_function(dtype: Any, is_fixed: bool) -> Any:
     """``counted``: a term, given in steps, as it is added to sums of :func:`sum_type`."""
     if is_fixed:

@@ -6,20 +6,20 @@ it is very large, plus a constant. Functions that Warp does not differentiate ha
 their adjoint beside them.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import optics_struct
 
 BOX_VARIANCE = 1.0 / 12.0
 """Variance of the uniform distribution over a pixel [px^2]."""
 
 
-@cache
+@made_once
 def footprint_struct(dtype: Any, width: int) -> Any:
     """Struct of a footprint; with a width, of that many wavelengths' footprints as vectors [width]."""
     numbers = wp.types.vector(length=width, dtype=dtype) if width else dtype
@@ -35,7 +35,7 @@ def footprint_struct(dtype: Any, width: int) -> Any:
     return specialised(Footprint, dtype, width)
 
 
-@cache
+@made_once
 def footprint_functions(dtype: Any) -> SimpleNamespace:
     """Warp functions for float32 or float64; covariances are vec3 (var_x, cov, var_y) [px^2]."""
     Optics = optics_struct(dtype)

@@ -12,14 +12,15 @@ The light is taken as unpolarised at either face. That the first face polarises 
 by 0.1 % at slopes of 51 degrees, and by 0.5 % at 68.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 
-@cache
+
+@made_once
 def fresnel_functions(dtype: Any) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``transmission`` and its ``transmission_slopes``."""
     half = wp.constant(dtype(0.5))

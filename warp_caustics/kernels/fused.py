@@ -11,7 +11,6 @@ footprints waits for. The footprints of a photon nearly coincide, since dispersi
 the union of their windows. Where they are further apart than that, each wavelength is done on its own.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -22,6 +21,7 @@ from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.fixed_point import sum_type
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.general import general_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.native import PACK, pixel_loader
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import adding_functions
@@ -32,7 +32,7 @@ APART_SIGMAS, APART_PX = 3.0, 2.0
 """Wavelengths whose centres are further apart than so many standard deviations and pixels are done one by one."""
 
 
-@cache
+@made_once
 def footprints_function(dtype: Any, width: int, effects: Effects, is_fixed: bool = False) -> Any:
     """``footprints``: those of a photon at ``width`` neighbouring wavelengths; with light in steps if ``is_fixed``."""
     light = (collimated_functions if effects.is_straight else general_functions)(dtype, effects)
@@ -75,7 +75,7 @@ def footprints_function(dtype: Any, width: int, effects: Effects, is_fixed: bool
     return footprints
 
 
-@cache
+@made_once
 def _extent_function(dtype: Any, profile: str, width: int) -> Any:
     """``extent``: pixels that the widest footprint with light covers, and whether some are too far apart."""
     covered_pixels = wide_functions(dtype, profile, width > 1).covered_pixels
@@ -109,7 +109,7 @@ def _extent_function(dtype: Any, profile: str, width: int) -> Any:
     return extent
 
 
-@cache
+@made_once
 def fused_kernels(
     dtype: Any,
     profile: str,
@@ -272,7 +272,7 @@ def fused_kernels(
     return SimpleNamespace(splat_photons=splat_photons, splat_deferred=splat_deferred)
 
 
-@cache
+@made_once
 def unpack_kernel(dtype: Any) -> Any:
     """Kernel from packed images [B, H, W, PACK] to images [B, C, H, W]."""
     load = pixel_loader(dtype)

@@ -8,7 +8,6 @@ same result every time, unless several threads share a footprint. Then threads a
 Always wavelength by wavelength, on images [B, C, H, W]: it only reads, and is slower with all at once (speed.md).
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -17,6 +16,7 @@ import warp as wp
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.general import general_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.native import lanes_adder
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import gathering_function
@@ -24,7 +24,7 @@ from warp_caustics.kernels.surface import photon_function, photon_struct
 from warp_caustics.kernels.wide import wide_functions
 
 
-@cache
+@made_once
 def fused_adjoint_kernels(
     dtype: Any,
     profile: str,

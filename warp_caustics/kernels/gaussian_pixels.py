@@ -6,12 +6,12 @@ exact to rounding.
 """
 
 import math
-from functools import cache
 from typing import Any, no_type_check
 
 import numpy as np
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.profiles import GAUSSIAN_REACH, NORMALISATION, REACH, WIDENING
 from warp_caustics.kernels.vectors import vector_snippet
 from warp_caustics.types import FloatArray
@@ -36,7 +36,7 @@ def _points(count: int) -> FloatArray:
     return points
 
 
-@cache
+@made_once
 def _profile(dtype: Any) -> str:
     """C++ of ``cumulative``, less a half, and ``density`` at u; standard deviations of the Gaussian that is cut."""
     count = TERMS[dtype]
@@ -173,7 +173,7 @@ _GATHERED = """
 """
 
 
-@cache
+@made_once
 def gaussian_functions(dtype: Any) -> tuple[Any, Any]:
     """``add_gaussian``: a footprint to the image [B, C, H, W]; ``gather_gaussian``: the gradient [6] with respect to
     one of unit amplitude, in the order of ``footprint_struct``."""

@@ -18,7 +18,6 @@ The adjoint is Warp's, of functions without loops. ``collimated.py`` has the sho
 ``row_general.py`` one for vectors with an adjoint by hand.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -27,6 +26,7 @@ import warp as wp
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
 from warp_caustics.kernels.fresnel import fresnel_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.path import path_functions
 from warp_caustics.kernels.photons import colour_struct, optics_struct
 from warp_caustics.kernels.surface import photon_struct
@@ -39,7 +39,7 @@ FAR_PX = 1.0e6
 """Position [px] given to paths without a footprint: finite, and beyond every window."""
 
 
-@cache
+@made_once
 def general_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """Warp functions for float32 or float64 and some effects.
 

@@ -13,17 +13,17 @@ z = 1 / sqrt(1 - u^2 (M - 1)):
 ``general.py`` has the same for any light, by the product rule.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import optics_struct
 
 
-@cache
+@made_once
 def lamp_functions(dtype: Any) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``lamp_covariance`` and ``lamp_covariance_adjoint``."""
     Optics = optics_struct(dtype)

@@ -3,10 +3,11 @@
 They repeat no physics but the quadratic B-spline of ``profiles.py``, eight edges at a time.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels.made_once import made_once
 
 PACK = 4
 """Wavelengths in a pixel of a packed image; unused ones stay zero."""
@@ -76,7 +77,7 @@ _CPU_GATHER = {
 }
 
 
-@cache
+@made_once
 def cpu_row_functions(dtype: Any) -> tuple[Any, Any]:
     """A row of a ``spline`` footprint in a CPU's vector registers: ``add_row`` and ``gather_row``.
 
@@ -151,7 +152,7 @@ def _native_type(dtype: Any) -> dict[str, Any]:
     return {"real": _REAL[dtype], "is_vector": int(dtype is wp.float32)}
 
 
-@cache
+@made_once
 def pixel_adder(dtype: Any, width: int) -> Any:
     """Adds ``width`` wavelengths to a pixel of a packed image [B, H, W, PACK]."""
     vector = wp.types.vector(length=width, dtype=dtype)
@@ -164,7 +165,7 @@ def pixel_adder(dtype: Any, width: int) -> Any:
     return add
 
 
-@cache
+@made_once
 def pixel_loader(dtype: Any) -> Any:
     """Reads a pixel of a packed image."""
     vector = wp.types.vector(length=PACK, dtype=dtype)
@@ -192,7 +193,7 @@ _ADD_OVER_LANES = """
 """
 
 
-@cache
+@made_once
 def lanes_adder(dtype: Any) -> Any:
     """Adds what the ``WARP_LANES`` threads of a warp found to six sums [B, 6, N] of their own, in a fixed order.
 

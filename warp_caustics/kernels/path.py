@@ -1,16 +1,16 @@
 """Where a light path comes from, and how it goes on inside the glass: what every file that follows one shares."""
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels.effects import Effects
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import optics_struct
 
 
-@cache
+@made_once
 def path_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``incidence`` and ``refracted_slope``."""
     vec3 = wp.types.vector(length=3, dtype=dtype)

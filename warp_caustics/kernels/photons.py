@@ -1,6 +1,5 @@
 """What all photons of a launch share, and where independent random ones start on the plate."""
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -8,9 +7,10 @@ import warp as wp
 
 from warp_caustics.kernels import specialised
 from warp_caustics.kernels.effects import Effects
+from warp_caustics.kernels.made_once import made_once
 
 
-@cache
+@made_once
 def optics_struct(dtype: Any) -> Any:
     """Struct with everything about the scene that is the same for all paths and wavelengths."""
     vec3 = wp.types.vector(length=3, dtype=dtype)
@@ -44,7 +44,7 @@ def optics_struct(dtype: Any) -> Any:
     return specialised(Optics, dtype)
 
 
-@cache
+@made_once
 def colour_struct(dtype: Any) -> Any:
     """Struct with what photons of one wavelength have in common."""
 
@@ -57,7 +57,7 @@ def colour_struct(dtype: Any) -> Any:
     return specialised(Colour, dtype)
 
 
-@cache
+@made_once
 def photons_struct(dtype: Any) -> Any:
     """Struct with everything a launch needs about a chunk of photons but the relief."""
     Optics = optics_struct(dtype)
@@ -77,7 +77,7 @@ def photons_struct(dtype: Any) -> Any:
     return specialised(Photons, dtype)
 
 
-@cache
+@made_once
 def bench_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """``optics_of`` and ``colour_of``: of the bench that relief b stands on."""
     Photons, Colour = photons_struct(dtype), colour_struct(dtype)
@@ -103,7 +103,7 @@ def bench_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     return SimpleNamespace(optics_of=optics_of, colour_of=colour_of)
 
 
-@cache
+@made_once
 def photon_kernels(dtype: Any) -> SimpleNamespace:
     """Kernels for float32 or float64: ``place_random``."""
     scale = wp.constant(dtype(2.0**-32))

@@ -16,7 +16,6 @@ written by hand: a gather without atomics. Nothing here knows where footprints
 come from.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -25,6 +24,7 @@ import warp as wp
 from warp_caustics.kernels.fixed_point import counting_function, sum_type
 from warp_caustics.kernels.footprint import footprint_struct
 from warp_caustics.kernels.gaussian_pixels import gaussian_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.native import cpu_row_functions, pixel_adder
 from warp_caustics.kernels.profiles import REACH, profile_functions
 
@@ -39,7 +39,7 @@ def lanes_apart(lanes: int) -> tuple[int, int]:
     return rows, lanes // rows
 
 
-@cache
+@made_once
 def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
     """First and last pixel that a footprint touches along an axis, within the image."""
     reach = wp.constant(dtype(REACH[profile]))
@@ -57,7 +57,7 @@ def window_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
     return first_pixel, last_pixel
 
 
-@cache
+@made_once
 def adding_functions(
     dtype: Any, profile: str, width: int, lanes: int, is_packed: bool, in_registers: bool, is_fixed: bool = False
 ) -> SimpleNamespace:
@@ -202,7 +202,7 @@ def _adding_gaussians(dtype: Any) -> SimpleNamespace:
     return SimpleNamespace(row_window=row_window, add_rows=add_rows)
 
 
-@cache
+@made_once
 def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool) -> Any:
     """``gather``: adjoint of ``add_rows`` for one wavelength and planar images; arguments as above."""
     if in_registers and profile == "gaussian":

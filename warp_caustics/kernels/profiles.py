@@ -13,10 +13,11 @@ cut, a finite difference across such a jump is wrong by any amount):
 """
 
 import math
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels.made_once import made_once
 
 PROFILES = ("gaussian", "spline")
 
@@ -93,7 +94,7 @@ def _spline_profile(dtype: Any) -> tuple[Any, Any]:
     return cumulative, density
 
 
-@cache
+@made_once
 def profile_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
     """Warp functions ``cumulative`` and ``density`` of a profile, for float32 or float64."""
     return {"gaussian": _gaussian_profile, "spline": _spline_profile}[profile](dtype)

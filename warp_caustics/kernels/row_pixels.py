@@ -6,11 +6,11 @@ to four or eight pixels wide are done here; the others, and those that reach ove
 for ``pixels.py``.
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.row_refraction import FOOTPRINT_PLANE, GRADIENT_PLANE
 from warp_caustics.kernels.vectors import vector_snippet
 
@@ -260,7 +260,7 @@ def _text(parts: dict[str, str]) -> str:
     return text
 
 
-@cache
+@made_once
 def row_pixel_functions(dtype: Any) -> tuple[Any, Any]:
     """``add_row_of_photons`` and ``gather_row_of_photons``; both return how many photons are ``listed`` instead."""
 

@@ -5,7 +5,6 @@ derivatives and the light it carries is put in from ``row_collimated.py`` or ``r
 those of ``footprint.py`` and ``fresnel.py``, where they are explained.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
@@ -13,6 +12,7 @@ import warp as wp
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import BOX_VARIANCE
 from warp_caustics.kernels.general import FAR_PX, GRAZING
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import colour_struct, optics_struct
 from warp_caustics.kernels.row_collimated import collimated_pieces
 from warp_caustics.kernels.row_general import general_pieces
@@ -169,7 +169,7 @@ _LIGHT_ADJOINT = (
 )
 
 
-@cache
+@made_once
 def row_refraction_functions(dtype: Any, effects: Effects, *, is_row: bool = True) -> tuple[Any, Any]:
     """``refract_row``: surface maps of a row to footprints, and ``refract_row_adjoint``, which adds to the gradient of
     the maps or, where ``is_first``, writes it.

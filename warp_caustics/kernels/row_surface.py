@@ -5,11 +5,11 @@ its slope and its curvature along y. Between two samples each is a cubic of the 
 found once for a cell, and all of its photons, neighbours in the row, are evaluated together.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.vectors import vector_snippet
 
 CELL_PLANES = 15
@@ -165,7 +165,7 @@ _BOTH_WAYS = """
 """
 
 
-@cache
+@made_once
 def both_ways_function(dtype: Any) -> Any:
     """``both_ways``: matrix [R, K] @ planes[b] [K, K] @ transposed [K, R]; scratch memory of K numbers.
 
@@ -191,7 +191,7 @@ def both_ways_function(dtype: Any) -> Any:
     return both_ways
 
 
-@cache
+@made_once
 def row_surface_functions(dtype: Any) -> tuple[Any, Any]:
     """``row_maps`` and ``row_maps_adjoint``.
 

@@ -5,7 +5,6 @@ launch of Warp runs on one core, row after row, so rows share their scratch memo
 of its own (``chunked.py``).
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -13,6 +12,7 @@ import warp as wp
 
 from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.footprint import footprint_struct
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 from warp_caustics.kernels.pixels import adding_functions, gathering_function
 from warp_caustics.kernels.row_pixels import row_pixel_functions
@@ -28,7 +28,7 @@ from warp_caustics.kernels.second_hits import march_function
 from warp_caustics.kernels.surface import surface_functions
 
 
-@cache
+@made_once
 def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     """What both kernels share: ``along_y``, ``footprint_of`` and ``light_of_row``."""
     surface = surface_functions(dtype)
@@ -111,7 +111,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
     return SimpleNamespace(along_y=along_y, footprint_of=footprint_of, light_of_row=light_of_row)
 
 
-@cache
+@made_once
 def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
     """Kernels ``splat_rows`` and ``filter_planes``, compiled together."""
     module = "_".join((__name__, dtype.__name__, *(str(int(is_on)) for is_on in effects)))
@@ -195,7 +195,7 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
     return SimpleNamespace(splat_rows=splat_rows, filter_planes=filter_planes)
 
 
-@cache
+@made_once
 def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
     """Kernel ``splat_rows_adjoint``."""
     functions = _row_functions(dtype, effects)

@@ -16,12 +16,12 @@ Whether a path meets the relief again jumps from no to yes: it has no derivative
 what becomes of the light afterwards, and shadows that slanting light casts before it enters the glass.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels.effects import Effects
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.path import path_functions
 from warp_caustics.kernels.photons import bench_functions, colour_struct, optics_struct, photons_struct
 from warp_caustics.kernels.surface import photon_function, surface_functions
@@ -36,7 +36,7 @@ MAX_STEPS = 2**16
 """No plate has so many samples and steps in a row."""
 
 
-@cache
+@made_once
 def march_function(dtype: Any, effects: Effects) -> Any:
     """``clear_path``: 1 for a path that does not meet the relief again, else 0; found by marching."""
     Photons, Optics, Colour = photons_struct(dtype), optics_struct(dtype), colour_struct(dtype)
@@ -110,7 +110,7 @@ def march_function(dtype: Any, effects: Effects) -> Any:
     return clear_path
 
 
-@cache
+@made_once
 def second_hits_kernel(dtype: Any, is_lattice: bool, effects: Effects) -> Any:
     """Kernel ``find_clear``: which paths go from the relief to the bottom face without meeting the relief again."""
     Photons = photons_struct(dtype)

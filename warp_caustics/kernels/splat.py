@@ -3,17 +3,17 @@
 One thread does all pixels of a footprint: no lanes, no lists of wide footprints, no packed images.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels.footprint import footprint_functions, footprint_struct
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.pixels import adding_functions, gathering_function
 
 
-@cache
+@made_once
 def splat_kernels(dtype: Any, profile: str, on_cpu: bool) -> SimpleNamespace:
     """Kernels for float32 or float64 and a profile: ``splat`` and ``splat_adjoint``."""
     adding = adding_functions(dtype, profile, 1, 1, False, on_cpu)

@@ -1,16 +1,16 @@
 """Height, slopes and second derivatives of the relief where photons start."""
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels import specialised
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import photons_struct
 
 
-@cache
+@made_once
 def surface_functions(dtype: Any) -> SimpleNamespace:
     """Warp functions for float32 or float64: ``surface_at`` and the weights of four neighbouring coefficients."""
     Photons = photons_struct(dtype)
@@ -120,7 +120,7 @@ def surface_functions(dtype: Any) -> SimpleNamespace:
     )
 
 
-@cache
+@made_once
 def photon_struct(dtype: Any) -> Any:
     """Struct of a photon: where it starts, and the relief there."""
     vec6 = wp.types.vector(length=6, dtype=dtype)
@@ -133,7 +133,7 @@ def photon_struct(dtype: Any) -> Any:
     return specialised(Photon, dtype)
 
 
-@cache
+@made_once
 def photon_function(dtype: Any, is_lattice: bool) -> Any:
     """``photon_at``: photon p over relief b; a lattice's positions are its axes, x in row 0 and y in row 1."""
     Photons = photons_struct(dtype)
@@ -157,7 +157,7 @@ def photon_function(dtype: Any, is_lattice: bool) -> Any:
     return photon_at
 
 
-@cache
+@made_once
 def surface_kernels(dtype: Any) -> SimpleNamespace:
     """Kernels for float32 or float64: ``gather_surface``, ``prefilter_rows``, ``prefilter_columns``."""
     Photons = photons_struct(dtype)

@@ -3,17 +3,17 @@
 Sixteen coefficients share what a photon brings. Warp's own adjoint adds floating numbers in any order of photons.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
 
 from warp_caustics.kernels.fixed_point import counting_function
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.photons import photons_struct
 from warp_caustics.kernels.surface import surface_functions
 
 
-@cache
+@made_once
 def surface_adjoint_kernel(dtype: Any) -> Any:
     """Kernel ``share_gradient`` for float32 or float64."""
     Photons = photons_struct(dtype)

@@ -3,7 +3,6 @@
 What happens on the way is in ``general.py``.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -11,6 +10,7 @@ import warp as wp
 
 from warp_caustics.kernels.effects import PLAIN, Effects
 from warp_caustics.kernels.general import FAR_PX, GRAZING, general_functions
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.path import path_functions
 from warp_caustics.kernels.photons import bench_functions, photons_struct
 
@@ -24,7 +24,7 @@ MET_AGAIN = len(FATE_NAMES)
 """Fate of a path that is lost because it meets the relief again; only where that is asked for."""
 
 
-@cache
+@made_once
 def trace_kernels(dtype: Any, effects: Effects = PLAIN) -> SimpleNamespace:
     """Kernels for float32 or float64 and some effects: ``trace`` and ``land``."""
     is_blocked = effects.second_hits

@@ -3,19 +3,19 @@
 Otherwise a launch would wait for the few photons with footprints of thousands of pixels.
 """
 
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.profiles import REACH
 
 BLOCK_ROWS = 16
 """Rows of a footprint that a group of threads works on at a time, where the list is one of blocks."""
 
 
-@cache
+@made_once
 def wide_functions(dtype: Any, profile: str, in_blocks: bool) -> SimpleNamespace:
     """``covered_pixels`` and ``put_off``.
 

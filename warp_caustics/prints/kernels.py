@@ -3,10 +3,11 @@
 What a line is stands in functions that both share: points of a cell, distance to a segment, cross section.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
+
+from warp_caustics.kernels.made_once import made_once
 
 PI = wp.constant(3.14159265358979)
 
@@ -98,7 +99,7 @@ def segment_gap(offset: wp.vec2, along: wp.vec2, inverse: wp.float32):
     return wp.vec3(offset[0] - nearest * along[0], offset[1] - nearest * along[1], nearest)
 
 
-@cache
+@made_once
 def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
     """Kernel ``print_strokes``; reliefs whose lines merge need ``can_merge``, and supersampling^2 sums per thread."""
     points = supersampling * supersampling

@@ -6,11 +6,11 @@ nothing, so that a curve of hundreds of pieces costs a cell little more than the
 go through :func:`warp_caustics.prints.kernels.stroke_kernel`, which knows none of this.
 """
 
-from functools import cache
 from typing import Any, no_type_check
 
 import warp as wp
 
+from warp_caustics.kernels.made_once import made_once
 from warp_caustics.prints.kernels import cell_point, section_height, segment_gap
 from warp_caustics.prints.rows import BEGIN, JOINED, RING
 
@@ -52,7 +52,7 @@ def path_section_height(
     return (1.0 + parameter) * inside / wp.max(root + parameter, 1.0e-12)
 
 
-@cache
+@made_once
 def path_kernel(supersampling: int, has_chains: bool) -> Any:
     """Kernel ``print_paths``; joined rows, and lines that merge, need ``has_chains``: memory for a cell's points."""
     points = supersampling * supersampling
