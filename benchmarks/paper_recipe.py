@@ -167,7 +167,7 @@ class Learner:
     def learn(self, batch: Batch, step: int) -> None:
         """One step of Adam."""
         loss = self.task.loss(self.model, as_seen(batch, self.variant), step, 0.0)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         clip_gradients(self.network, self.config.training, self._norm)
         self.optimiser.step()
         self.optimiser.zero_grad(set_to_none=True)

@@ -12,7 +12,7 @@ from cli.options import bench_option, config_options, count, device_option, inte
 from warp_caustics.errors import EXIT_INTERRUPTED
 
 SET_UPS = ("known", "estimate")
-"""Of ``nets.reconstruct.direct``, which takes too long to load for a line of help."""
+"""Of ``nets.reconstruct.direct_options``, which takes too long to load for a line of help."""
 
 MOST_SAMPLES = 5
 """Of ``nets.reconstruct.posterior_samples``; likewise."""

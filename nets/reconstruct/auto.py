@@ -9,7 +9,7 @@ from typing import Any, Literal
 import pydantic
 import torch
 
-from nets.reconstruct.direct import BENCH_OPTIONS
+from nets.reconstruct.direct_options import BENCH_OPTIONS
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.shipped import shipped_weights
 from warp_caustics.errors import CausticsError, InputError, MismatchError

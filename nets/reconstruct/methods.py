@@ -6,7 +6,8 @@ from typing import Any
 import torch
 
 from nets.reconstruct.auto import Auto
-from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.method import Fibres
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.nsfc import Nsfc, NsfcOptions

@@ -13,7 +13,8 @@ from functools import cached_property
 import torch
 
 from nets.reconstruct.bench_search import BenchSearch
-from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.after_lines import after_lines
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from nets.reconstruct.direct import DirectOptions
+from nets.reconstruct.direct_options import DirectOptions
 from warp_caustics.prints.line import Section
 
 

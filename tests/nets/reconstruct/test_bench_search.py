@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from nets.reconstruct.bench_search import ROUNDS, BenchSearch, is_less
-from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import NetworkAnswers
 from nets.reconstruct.secant import FURTHER, FURTHEST, lengthened

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.direct import Direct, DirectOptions
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.methods import ALL_METHODS, create
 from nets.reconstruct.network_io import network_image
 from nets.reconstruct.refinement import Refinement, RefinementOptions

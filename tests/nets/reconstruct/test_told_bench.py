@@ -12,7 +12,7 @@ import yaml
 from data_gen.bench_ranges import BenchRanges, bench_scene
 from nets.architecture import build
 from nets.family import check_family, family_of
-from nets.reconstruct.direct import DirectOptions
+from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.told_bench import ToldBench
