@@ -5,7 +5,7 @@ any better would be to fit the noise (Engl, Hanke & Neubauer, Regularization of 
 
 It is asked of the pixels whose light the relief has moved. Even light behind bare plate is explained by any relief;
 where it is most of the image it hides what lines get wrong: three lines under a lamp at 1 m that is told as parallel
-left 1.09 times the noise of a whole image, 3.3 times that where light was moved, and were 3.9 um wrong.
+left 1.09 times the noise of a whole image, 2.2 times that where light was moved, and were 3.9 um wrong.
 """
 
 import dataclasses
