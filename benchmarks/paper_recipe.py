@@ -33,8 +33,10 @@ from nets.training.devices import autocast
 from nets.training.fresh import StrokeStream
 from nets.training.keys import fresh_dataset, step_generator, step_seed
 from nets.training.optimisation import clip_gradients, make_optimiser
+from nets.training.state import EarlyStopping
 from nets.training.tasks import UpdaterTask
 from nets.training.weights import export_weights, frozen_denoiser
+from warp_caustics.errors import InputError
 
 BATCH = 16
 DENOISER = SHIPPED / "denoiser.safetensors"
@@ -146,8 +148,10 @@ class Learner:
     @property
     def is_done(self) -> bool:
         """Whether it went so many epochs without progress."""
-        values = [epoch["val_loss"] for epoch in self.epochs]
-        return len(values) > PATIENCE and min(values[-PATIENCE:]) >= min(values[:-PATIENCE])
+        stopping = EarlyStopping(PATIENCE, 0)
+        for epoch in self.epochs:
+            stopping.saw(epoch["val_loss"])
+        return stopping.should_stop
 
     def model(self, *args: Any) -> Any:
         """The network as it learns."""
@@ -274,15 +278,27 @@ def train(
 
 
 def _restored(folder: Path, learners: Sequence[Learner]) -> tuple[int, float]:
-    """Step and seconds that the states in a folder are of."""
-    reached = (0, 0.0)
+    """Step and seconds that the states in a folder are of; 0 where there is none.
+
+    Raises:
+        InputError: states of some of the networks, or of different steps: they learn side by side.
+    """
+    states = {
+        learner.name: torch.load(path, map_location=learner.device, weights_only=False)
+        for learner in learners
+        if (path := folder / f"{learner.name}.pt").exists()
+    }
+    if not states:
+        return 0, 0.0
+    steps = sorted({state["step"] for state in states.values()})
+    if len(states) < len(learners) or len(steps) > 1:
+        raise InputError(
+            f"{folder} has states of {len(states)} of {len(learners)} networks, of steps {steps}; networks that learn "
+            "side by side go on together: choose the same --seeds and --variants, or another folder"
+        )
     for learner in learners:
-        path = folder / f"{learner.name}.pt"
-        if path.exists():
-            state = torch.load(path, map_location=learner.device, weights_only=False)
-            learner.restore(state)
-            reached = (state["step"], state["seconds"])
-    return reached
+        learner.restore(states[learner.name])
+    return steps[0], states[learners[0].name]["seconds"]
 
 
 def _write(
@@ -373,6 +389,10 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=10)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
+    if given.output is None and given.what != "table":
+        parser.error("give the folder of the networks, -o FOLDER")
+    if given.json is None and given.what != "train":
+        parser.error("give the file of the figures, --json FILE")
     if given.what == "table":
         print(table(json.loads(given.json.read_text())))
     elif given.what == "judge":

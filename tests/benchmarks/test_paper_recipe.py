@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from benchmarks.paper_recipe import BATCH, VARIANTS, Learner, Options, Pool, as_seen, run_of, table
+from benchmarks.paper_recipe import BATCH, VARIANTS, Learner, Options, Pool, _restored, as_seen, run_of, table
+from warp_caustics.errors import InputError
 
 OPTIONS = Options("cpu", 90_000, 8, 32, 4, False, 200_000)
 
@@ -73,3 +74,24 @@ def test_the_table_shows_the_range_over_seeds():
     lines = table(held).splitlines()
     assert lines[2] == "| full | 2 | 150 to 160 | 130 to 130 |"
     assert lines[3] == "| no gradient | 1 | 160 | 150 |" and len(lines) == 4
+
+
+def test_networks_that_learn_side_by_side_go_on_together(tmp_path):
+    restored = []
+    learners = [
+        SimpleNamespace(
+            name=name, device="cpu", restore=lambda state, name=name: restored.append((name, state["step"]))
+        )
+        for name in ("full-0", "no-denoiser-0")
+    ]
+    assert _restored(tmp_path, learners) == (0, 0.0)
+    torch.save({"step": 40, "seconds": 5.0}, tmp_path / "full-0.pt")
+    with pytest.raises(InputError, match="1 of 2 networks"):
+        _restored(tmp_path, learners)
+    torch.save({"step": 41, "seconds": 5.0}, tmp_path / "no-denoiser-0.pt")
+    with pytest.raises(InputError, match=r"steps \[40, 41\]"):
+        _restored(tmp_path, learners)
+    assert not restored
+    torch.save({"step": 40, "seconds": 5.0}, tmp_path / "no-denoiser-0.pt")
+    assert _restored(tmp_path, learners) == (40, 5.0)
+    assert restored == [("full-0", 40), ("no-denoiser-0", 40)]

@@ -1,11 +1,14 @@
 """Threads that ask for the same kernels at once."""
 
+import re
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
+import warp_caustics
 from warp_caustics.kernels.made_once import made_once
 
 
@@ -53,3 +56,12 @@ def test_what_fails_is_tried_again():
     with pytest.raises(RuntimeError, match="busy"):
         fails_first()
     assert fails_first() == fails_first() == 2
+
+
+def test_all_kernels_that_are_kept_are_made_so():
+    """functools.cache calls what it keeps in as many threads as ask for it at once."""
+    files = [path for path in Path(warp_caustics.__file__).parent.rglob("*.py") if path.name != "made_once.py"]
+    texts = {path.name: path.read_text(encoding="utf-8") for path in files}
+    makers = {name: text for name, text in texts.items() if re.search(r"@wp\.(kernel|func)", text)}
+    assert len(makers) > 20 and sum("@made_once" in text for text in makers.values()) > 20
+    assert not [name for name, text in makers.items() if re.search(r"@(functools\.)?(lru_)?cache\b", text)]

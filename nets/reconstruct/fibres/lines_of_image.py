@@ -219,8 +219,8 @@ class LinesOfImage:
         )
         if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
             told = (
-                f"what is left of the image is {left:.1f} times its noise: lines are missing or wrong in places, "
-                "which the difference of the images shows"
+                f"{left:.1f} times the noise is left of the image where light was moved: lines are missing or wrong in "
+                "places, which the difference of the images shows"
             )
             result = dataclasses.replace(result, warnings=(*result.warnings, told))
         if view is not self.told:

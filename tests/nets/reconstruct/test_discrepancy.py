@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE, Discrepancy, is_explained, moved_light
+from nets.reconstruct.fibres.discrepancy import Discrepancy, is_explained, moved_light
 from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel
@@ -91,4 +91,3 @@ def test_lines_are_as_uncertain_as_what_they_leave_in_places(model):
     added = DIRECT_CALIBRATION.shared * 0.5 * local_relief(heights)[where]
     np.testing.assert_allclose(told[where], np.hypot(plain[where], added), rtol=1e-9)
     assert told[where].max() > 2e-5 > 10 * plain.max()
-    assert LARGEST_OF_NOISE > 1
