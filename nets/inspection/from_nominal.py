@@ -66,7 +66,7 @@ from warp_caustics.simulator import CausticSimulator, usable_device
 from warp_caustics.strict import Strict
 from warp_caustics.types import FloatArray
 
-PLAIN = {"bench_uncertainty": False, "causes": False, "set_up": "known"}
+PLAIN = {"bench_uncertainty": False, "flatness_m": 0.0, "causes": False, "set_up": "known"}
 """Of the network's answer, which is a start on the bench that is told: how far it disagrees with itself, and nothing
 else."""
 

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from nets.reconstruct.posterior_samples import MOST_SAMPLES
 from nets.reconstruct.refinement import RefinementOptions
+from nets.reconstruct.uncertainty import BARE_M
 from nets.reconstruct.with_bench import FLATNESS
 
 BENCH_OPTIONS = ("set_up", "priors", "ambient", "bench_uncertainty", "causes", "losses", "samples")
@@ -47,8 +48,13 @@ class DirectOptions(RefinementOptions):
 
     @property
     def flatness_beside(self) -> float:
-        """Of the base [m], where the uncertainty has no part of the bench, which else has it."""
-        return 0.0 if self.bench_uncertainty else self.flatness_m or 0.0
+        """Of the base [m], where the uncertainty has no part of the bench, which else has it.
+
+        Of a base of which nothing is said, and that is as flat as the bench is exact, what answers to it have in common.
+        """
+        if self.bench_uncertainty:
+            return 0.0
+        return BARE_M if self.flatness_m is None else self.flatness_m
 
     @model_validator(mode="before")
     @classmethod

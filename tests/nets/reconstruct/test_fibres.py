@@ -221,7 +221,8 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     wrong = 2e-5 * torch.randn(8, n, n, generator=generator) * (truth > 1e-5)
     copies = iter((seen_in(truth, all_symmetries(fine)) + wrong).split(SYMMETRIES_AT_ONCE["cpu"]))
     monkeypatch.setattr(answers_module, "Replayed", lambda module: lambda images: next(copies))
-    options = {"refine_pixels": 2 * n, "bench_uncertainty": False}  # which would cover what the lines do not
+    # Uncertainty of bench and base would cover what the lines do not.
+    options = {"refine_pixels": 2 * n, "bench_uncertainty": False, "flatness_m": 0}
     result = create("fibres", fine, weights=saved("direct", scene=fine), **options).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())

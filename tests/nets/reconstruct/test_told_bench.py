@@ -16,7 +16,7 @@ from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.told_bench import ToldBench
-from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION, Calibration, uncertainty
+from nets.reconstruct.uncertainty import BARE_M, DIRECT_CALIBRATION, FAMILY_CALIBRATION, Calibration, uncertainty
 from nets.residual_config import BackboneConfig, DirectConfig
 from nets.seen_scene import seen_scene
 from nets.shipped import FOLDER
@@ -182,6 +182,8 @@ def test_how_flat_the_base_is_may_be_said_as_of_any_other_number():
     assert FibresOptions(priors={"flatness_m": 2e-6}).flatness_m == 2e-6
     assert options.flatness_beside == 0  # the bench's part has it
     alone = DirectOptions(flatness_m=2e-6, bench_uncertainty=False)
-    assert alone.flatness_beside == 2e-6 and DirectOptions(bench_uncertainty=False).flatness_beside == 0
+    assert alone.flatness_beside == 2e-6 and DirectOptions(flatness_m=0, bench_uncertainty=False).flatness_beside == 0
+    # Nobody says how flat the base is: as flat as answers tell it.
+    assert DirectOptions(bench_uncertainty=False).flatness_beside == BARE_M
     with pytest.raises(ValueError, match="flatness_m"):
         DirectOptions(priors={"flatness_m": -1})

@@ -123,3 +123,15 @@ def test_files_that_cannot_be_scored(tmp_path, cases):
     np.save(tmp_path / "nothing_0.npy", np.full((128, 128), 0.4) * 1e3)
     with pytest.raises(InputError, match="is above 0.1 m; did you mean"):
         score_folder(tmp_path, cases, "given")
+
+
+def test_a_bent_plate_has_no_error_but_its_form():
+    rng = np.random.default_rng(1)
+    y, x = np.meshgrid(np.linspace(-0.5, 0.5, 32), np.linspace(-0.5, 0.5, 32), indexing="ij")
+    true, rest = 1e-4 * rng.random((32, 32)), 1e-6 * rng.standard_normal((32, 32))
+    bent = 2e-5 * (4 * x**2 + y**2 - 3 * x * y) + 1e-5 * x + 3e-6
+    plain, scores = relief_scores(true + rest, true, PLATE), relief_scores(true + rest + bent, true, PLATE)
+    assert scores["rmse_um"] > 5 and scores["rmse_form_removed_um"] == pytest.approx(plain["rmse_form_removed_um"])
+    assert 0.98 < plain["rmse_form_removed_um"] / plain["rmse_um"] < 1
+    ripple = 1e-6 * np.cos(8 * np.pi * x)
+    assert relief_scores(true + ripple, true, PLATE)["rmse_form_removed_um"] == pytest.approx(1e6 * ripple.std(), rel=0.05)
