@@ -50,7 +50,7 @@ class DirectOptions(RefinementOptions):
     def flatness_beside(self) -> float:
         """Of the base [m], where the uncertainty has no part of the bench, which else has it.
 
-        Of a base of which nothing is said, and that is as flat as the bench is exact, what answers to it have in common.
+        Of a base of which nothing is said, on a bench that is told exactly, what answers to it have in common.
         """
         if self.bench_uncertainty:
             return 0.0

@@ -55,10 +55,10 @@ points lie within one and two, on the same plates that gave the factor; bare pla
 
 
 BARE_M = 0.1e-6
-"""What all answers have in common on bare plate [m]: they lie 0.05 um apart there, and are moved as a whole by as much to
-half a micrometre, which no image tells. Thirteen plates of prints of all kinds, four million photons (seed 777003): 53
-and 73 % of the bare points lie within one and two without it, 66 and 89 % with it. Less than what is believed of a base of
-which nobody says how flat it is, so that it counts only where a bench is told exactly."""
+"""What all answers have in common on bare plate [m]: they lie 0.05 um apart there, and are moved as a whole by as much
+to half a micrometre, which no image tells. Thirteen plates of prints of all kinds, four million photons (seed 777003):
+53 and 73 % of the bare points lie within one and two without it, 66 and 89 % with it. Less than what is believed of a
+base of which nobody says how flat it is, so that it counts only where a bench is told exactly."""
 
 
 def uncertainty(

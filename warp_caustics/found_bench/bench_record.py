@@ -152,3 +152,9 @@ def in_brackets(remark: str) -> str:
 def is_picture_smaller(record: Mapping[str, Any]) -> bool:
     """Whether heights are those of a picture that is too small, by :attr:`FoundBench.record`."""
     return any(number["name"] == VERGENCE and number["found"] < 0 for number in record["numbers"])
+
+
+def is_picture_larger(record: Mapping[str, Any]) -> bool:
+    """Whether heights are those of a picture that is too large, by :attr:`FoundBench.record`."""
+    larger = any(number["name"] == VERGENCE and number["found"] > 0 for number in record["numbers"])
+    return bool(record["is_kept"] and record["is_picture"]) and larger

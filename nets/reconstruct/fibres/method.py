@@ -22,12 +22,16 @@ from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
 from nets.reconstruct.with_doubt import with_doubt
-from warp_caustics.found_bench.bench_numbers import AMBIENT
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
+from warp_caustics.found_bench.bench_record import is_picture_larger
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.pyramid import check_image
 from warp_caustics.reconstruct.run_log import following
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
+
+NO_BENCH = {"numbers": [], "is_kept": False, "is_picture": False}
+"""Record of a result for which none was looked for."""
 
 
 class Fibres(Reconstructor):
@@ -99,11 +103,20 @@ class Fibres(Reconstructor):
             if run.answer.stop_reason == "interrupted":
                 return dataclasses.replace(direct, stop_reason="interrupted")
         run.fit()
+        if direct is None and self._may_be_larger(run):
+            # Lines take a picture that is too large for a lamp nearby; heights tell both apart.
+            direct = self._by_network(run, measured, initial, progress)
+            if direct.stop_reason != "interrupted" and is_picture_larger(direct.counters.get("bench", NO_BENCH)):
+                later = self._run_after(direct, search, measured, answer, started, progress)
+                if later.answer.stop_reason == "interrupted":
+                    return dataclasses.replace(direct, stop_reason="interrupted")
+                later.fit()
+                run = later if later.takes_lines else run
         if direct is not None:
             stop = direct.stop_reason if run.reason == "converged" else run.reason
             counters = direct.counters | {"fibres": len(run.lines)}
             direct = dataclasses.replace(direct, stop_reason=stop, counters=counters)
-        is_free = self.options.max_time_s is None and run.reason == "converged"
+        is_free = self._is_free(run)
         asks_network = is_free and (self.options.samples or not self.takes_bench_as_told)
         if not run.takes_lines and (direct or asks_network):
             return direct or self._by_network(run, measured, initial, progress)
@@ -113,6 +126,15 @@ class Fibres(Reconstructor):
             if other.residual < found.residual:
                 return other
         return self._finished(found, run)
+
+    def _is_free(self, run: LinesOfImage) -> bool:
+        """Whether nobody waits for the end."""
+        return self.options.max_time_s is None and run.reason == "converged"
+
+    def _may_be_larger(self, run: LinesOfImage) -> bool:
+        """Whether lines leave open what size the picture has, and the network is asked anyhow."""
+        is_open = not self.takes_bench_as_told and VERGENCE in run.numbers.names and not run.is_noise_left
+        return is_open and self._is_free(run) and (self.options.refine or not run.takes_lines)
 
     def _finished(self, found: Reconstruction, run: LinesOfImage) -> Reconstruction:
         """With what it knows of itself, on the user's grid."""

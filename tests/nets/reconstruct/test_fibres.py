@@ -10,11 +10,15 @@ import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.bench_search import Glance
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE
+from nets.reconstruct.fibres.lines_of_image import LinesOfImage
+from nets.reconstruct.fibres.method import Fibres
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, noisy_image
 from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_record import is_picture_larger
+from warp_caustics.found_bench.picture_size import enlarged, way_of_light_m
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -177,6 +181,39 @@ def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image,
     assert "without lines" in result.timings_s and "network again" not in result.timings_s
     bump = answering(np.full((N, N), 1e-4), refine=False, jumps=0, most_lines=1).reconstruct(image)
     assert len(asked) == 2 and bump.counters["explained_by"] == "network"
+
+
+@pytest.mark.parametrize("is_picture", [False, True])
+def test_lines_are_found_in_a_picture_that_is_too_large(monkeypatch, model, answering, is_picture):
+    """Where they explain nothing with a lamp nearby, and heights say that it is a picture."""
+    truth, size = model.heights(LINES).double().numpy(), 1.01
+    # By the project's own spline: folds that few pixels show cannot be brought back by part of one.
+    shown = enlarged(CausticSimulator(SCENE)(model.heights(LINES)), size).numpy()
+    noise = 0.02 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.02))
+    monkeypatch.setattr(LinesOfImage, "_fit_with_bench", lambda self: None)
+    by_network, vergence = Fibres._by_network, (size - 1) / way_of_light_m(SCENE)
+
+    def told(*given):
+        found = by_network(*given)
+        numbers = [
+            number | {"found": vergence if number["name"] == "vergence_per_m" else number["told"], "sigma": 0.1}
+            for number in found.counters["bench"]["numbers"]
+        ]
+        bench = found.counters["bench"] | {"numbers": numbers, "is_kept": is_picture, "is_picture": is_picture}
+        return dataclasses.replace(found, counters=found.counters | {"bench": bench})
+
+    monkeypatch.setattr(Fibres, "_by_network", told)
+    wrong = truth + 2e-5 * np.random.default_rng(1).standard_normal(truth.shape)
+    method = answering(wrong, refine_iterations=20, jumps=0, set_up="estimate")
+    method.finds_bench, method.looks_first = True, False
+    result = method.reconstruct(image)
+    error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
+    assert (error < 4) == is_picture and ("network again" in result.timings_s) == is_picture
+    if is_picture:
+        assert result.counters["explained_by"] == "fibres" and len(result.fibres_m) == len(LINES)
+        assert is_picture_larger(result.counters["bench"]), "and the picture is told"
+        assert any("too large" in warning for warning in result.warnings)
 
 
 def test_told_stray_light_is_taken_off(model, image, answering):

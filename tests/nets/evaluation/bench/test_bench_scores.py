@@ -134,4 +134,6 @@ def test_a_bent_plate_has_no_error_but_its_form():
     assert scores["rmse_um"] > 5 and scores["rmse_form_removed_um"] == pytest.approx(plain["rmse_form_removed_um"])
     assert 0.98 < plain["rmse_form_removed_um"] / plain["rmse_um"] < 1
     ripple = 1e-6 * np.cos(8 * np.pi * x)
-    assert relief_scores(true + ripple, true, PLATE)["rmse_form_removed_um"] == pytest.approx(1e6 * ripple.std(), rel=0.05)
+    assert relief_scores(true + ripple, true, PLATE)["rmse_form_removed_um"] == pytest.approx(
+        1e6 * ripple.std(), rel=0.05
+    )
