@@ -34,6 +34,13 @@ NO_BENCH = {"numbers": [], "is_kept": False, "is_picture": False}
 """Record of a result for which none was looked for."""
 
 
+def nearer_lines(first: LinesOfImage, later: LinesOfImage) -> LinesOfImage:
+    """The search whose lines are taken, each on its bench; of both if both are, that which leaves less of the image."""
+    if not (first.takes_lines and later.takes_lines):
+        return later if later.takes_lines else first
+    return min(first, later, key=lambda each: float(each.counters["residual_of_fibres"]))
+
+
 class Fibres(Reconstructor):
     """Network, lines, image.
 
@@ -111,7 +118,7 @@ class Fibres(Reconstructor):
                 if later.answer.stop_reason == "interrupted":
                     return dataclasses.replace(direct, stop_reason="interrupted")
                 later.fit()
-                run = later if later.takes_lines else run
+                run = nearer_lines(run, later)
         if direct is not None:
             stop = direct.stop_reason if run.reason == "converged" else run.reason
             counters = direct.counters | {"fibres": len(run.lines)}

@@ -1,6 +1,7 @@
 """Lines from a network's answer and an image, on a small scene."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from nets.reconstruct.bench_search import Glance
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
-from nets.reconstruct.fibres.method import Fibres
+from nets.reconstruct.fibres.method import Fibres, nearer_lines
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
@@ -214,6 +215,25 @@ def test_lines_are_found_in_a_picture_that_is_too_large(monkeypatch, model, answ
         assert result.counters["explained_by"] == "fibres" and len(result.fibres_m) == len(LINES)
         assert is_picture_larger(result.counters["bench"]), "and the picture is told"
         assert any("too large" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "is_later"),
+    [
+        ((True, 0.02), (True, 0.03), False),
+        ((True, 0.03), (True, 0.02), True),
+        ((True, 0.03), (False, 0.02), False),
+        ((False, 0.01), (True, 0.02), True),
+        ((False, 0.03), (False, 0.02), False),
+        ((False, None), (True, 0.1), True),
+    ],
+)
+def test_of_two_benches_the_lines_are_taken_that_leave_less(first, later, is_later):
+    searches = [
+        SimpleNamespace(takes_lines=takes, counters={} if left is None else {"residual_of_fibres": left})
+        for takes, left in (first, later)
+    ]
+    assert nearer_lines(*searches) is searches[is_later]
 
 
 def test_told_stray_light_is_taken_off(model, image, answering):
