@@ -24,7 +24,8 @@ class DirectOptions(RefinementOptions):
     flatness_m: Annotated[float, Field(ge=0, le=1e-2, allow_inf_nan=False)] | None = None
     """Standard deviation of the base from the plane that it is taken for [m]: no image tells a bow, so that only the
     plate's maker can. Part of the standard uncertainty; None: as well known as the bench
-    (``nets/reconstruct/with_bench.py``). As ``priors["flatness_m"]``, too."""
+    (``nets/reconstruct/with_bench.py``), and where that is told exactly as well as answers agree on bare
+    plate. As ``priors["flatness_m"]``, too."""
     max_iterations: Annotated[int, Field(ge=1)] | None = None
     """Of the refinement, in place of ``refine_iterations``: what --max-iterations sets."""
     set_up: Literal["known", "estimate"] | None = None
