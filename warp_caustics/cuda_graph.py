@@ -28,6 +28,10 @@ def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
     return graph, output
 
 
+Before = tuple[Callable[..., None], Callable[[], None]]
+"""What is asked of the inputs first: launches to record, and what the host does after each replay of them."""
+
+
 class CudaGraph:
     """A function of tensors, recorded once and replayed on copies of its inputs.
 
@@ -35,17 +39,30 @@ class CudaGraph:
         call: only launches GPU work, the same for inputs of the same shape; it has run before, so that
             its kernels are loaded.
         inputs: examples of its arguments.
+        before: recorded as a graph of its own, so that the host can learn what it finds before the call is done.
     """
 
-    def __init__(self, call: Callable[..., torch.Tensor], inputs: tuple[torch.Tensor, ...]):
+    def __init__(
+        self,
+        call: Callable[..., torch.Tensor],
+        inputs: tuple[torch.Tensor, ...],
+        before: Before | None = None,
+    ):
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
+        self._first, self._then = None, None
         with torch.no_grad():
+            if before is not None:
+                begin, self._then = before
+                self._first, _ = recorded(lambda: begin(*self.inputs))
             self.graph, self.output = recorded(lambda: call(*self.inputs))
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""
         for kept, given in zip(self.inputs, inputs, strict=True):
             kept.copy_(given)
+        if self._first is not None and self._then is not None:
+            self._first.replay()
+            self._then()
         self.graph.replay()
         output: torch.Tensor = self.output
         return output.clone()
@@ -62,12 +79,22 @@ class Replays:
         self._calls: dict[tuple[str, int], int] = {}
         self._graphs: dict[tuple[str, int], CudaGraph] = {}
 
-    def __call__(self, name: str, call: Callable[..., torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
-        """Result of a call, through its graph where there is one."""
+    def __call__(
+        self,
+        name: str,
+        call: Callable[..., torch.Tensor],
+        *inputs: torch.Tensor,
+        before: Before | None = None,
+    ) -> torch.Tensor:
+        """Result of a call, through its graph where there is one; ``before`` as of :class:`CudaGraph`."""
         key = name, inputs[0].shape[0]
         self._calls[key] = self._calls.get(key, 0) + 1
         if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
+            if before is not None:
+                begin, then = before
+                begin(*inputs)
+                then()
             return call(*inputs)
         if key not in self._graphs:
-            self._graphs[key] = CudaGraph(call, inputs)
+            self._graphs[key] = CudaGraph(call, inputs, before)
         return self._graphs[key](*inputs)

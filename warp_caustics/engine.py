@@ -20,8 +20,9 @@ import warp as wp
 
 from warp_caustics.chunked import CHUNK_BYTES, sum_over_chunks, warp_array, warp_stream
 from warp_caustics.cuda_graph import Replays
+from warp_caustics.extremes import Extremes
 from warp_caustics.fused import FusedPhotons
-from warp_caustics.gathered_adjoint import gathered_adjoint
+from warp_caustics.gathered_adjoint import gathered_adjoint, gathered_in_order
 from warp_caustics.height_field import MARGIN
 from warp_caustics.kernels import MAP_NAMES, RECORD_NAMES, dtype_of
 from warp_caustics.kernels.runtime import start_warp
@@ -157,21 +158,10 @@ class Engine:
     def maps_adjoint(self, coefficients: torch.Tensor, chunk: Chunk, grad_maps: torch.Tensor) -> torch.Tensor:
         """Adjoint of :meth:`maps`: gradient with respect to the coefficients [B, n + 4, n + 4]."""
         if self.plan.placement != "lattice":
+            shape, photons = tuple(coefficients.shape), self.photons(self.positions(chunk))
             if self.fused.is_fixed:
-                photons = self.photons(self.positions(chunk))
-                return gathered_adjoint(tuple(coefficients.shape), photons, grad_maps, self.scene.sample_pitch_m)
-            grad = torch.zeros_like(coefficients)
-            wp.launch(
-                self.surface.gather_surface,
-                dim=(coefficients.shape[0], chunk.count),
-                inputs=[warp_array(coefficients), self.photons(self.positions(chunk))],
-                outputs=[warp_array(torch.empty_like(grad_maps))],
-                adj_inputs=[warp_array(grad), self.optics.no_gradient()],
-                adj_outputs=[warp_array(grad_maps)],
-                adjoint=True,
-                device=self.warp_device,
-            )
-            return grad
+                return gathered_in_order(shape, photons, grad_maps, self.scene.sample_pitch_m)
+            return gathered_adjoint(shape, photons, grad_maps)
         planes = grad_maps.view(grad_maps.shape[0], len(MAP_NAMES), chunk.rows, self.plan.columns)
         return self.spline.maps_adjoint(planes, chunk)
 
@@ -302,9 +292,14 @@ class Engine:
 
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
-        is_sorted = self.plan.count <= MAX_KEPT_PHOTONS and self.fused.is_wide and not self.plan.is_grid
-        # Wide footprints then share cache lines; small ones would collide on a GPU.
-        return sorted_by_cell(positions, self.scene) if is_sorted else positions
+        if self.plan.is_grid or self.plan.count > MAX_KEPT_PHOTONS:
+            return positions
+        # Wide footprints then share cache lines, and threads of a GPU that run together lines, cells and sums. Cells in
+        # order would collide there.
+        is_gpu = self.device.type == "cuda"
+        if is_gpu or self.fused.is_wide:
+            return sorted_by_cell(positions, self.scene, is_spread=is_gpu)
+        return positions
 
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
         """Chunks of photons for a batch of height fields in bounded memory, with their positions [N, 2]."""
@@ -315,15 +310,20 @@ class Engine:
         planes = len(MAP_NAMES) + self.scene.n_wavelengths
         return batch * planes * self.dtype.itemsize
 
-    def image(self, heights: torch.Tensor, *, is_guarded: bool = False) -> torch.Tensor:
+    def image(self, heights: torch.Tensor, extremes: Extremes | None = None) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m].
 
         Args:
-            heights: possible ones; of those that are not, if ``is_guarded``, comes an image that means nothing.
-            is_guarded: whether they may be no numbers, or lower than the plate is thick.
+            heights: possible ones. On a GPU they may be no numbers, or lower than the plate is thick, where the
+                extremes tell; of such comes an image that means nothing.
+            extremes: told the heights' on a GPU, before the simulation begins.
         """
-        call = self._guarded_image if is_guarded else self._image
-        return self._replays(call.__name__, call, heights) if self._is_small(heights) else call(heights)
+        if extremes is None or self.device.type != "cuda":
+            return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
+        if self._is_small(heights):
+            return self._replays("guarded", self._guarded_image, heights, before=(extremes.begin, extremes.mark))
+        extremes.find(heights)
+        return self._guarded_image(heights)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""

@@ -20,15 +20,24 @@ from warp_caustics.scene import Profile
 WIDE_SIGMA_PX = 0.8
 """Photons with footprints wider than this on a flat plate come cell by cell; several GPU threads share each."""
 
-WIDE_LANES, WIDE_ADJOINT_LANES = 8, 2
+WIDE_LANES = 8
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
-only reads, and does better with fewer."""
+only reads, and does better with fewer: two, where not one for each wavelength."""
+
+WIDE_ADJOINT_LANES = 2
 
 DEFERRED_LANES = 32
 """Threads per footprint on the list of deferred ones."""
 
 DEFERRED_DIM = 4096, DEFERRED_LANES
 """How many of these are worked on at a time, and their threads."""
+
+GPU_BLOCK = 64
+"""Threads of a block: with their hundred registers each a GPU holds a fifth more of them than in blocks of 256."""
+
+BY_WAVELENGTH = 2**18, 2**21
+"""Adjoints of at most so many photons, over the batch, have a thread for each wavelength: more fill a GPU by
+themselves, and their surface would be found once per wavelength. The second number is for wide footprints."""
 
 MAX_BLOCKS = 2**23
 """Blocks of rows on the list of deferred ones, at most."""
@@ -120,17 +129,20 @@ class FusedPhotons:
         """Gradient with respect to the surface maps [B, 6, N] of photons, from that of the image [B, n_w, m, m]."""
         batch = coefficients.shape[0]
         shape = batch, len(MAP_NAMES), photons.count
-        grad_maps = coefficients.new_zeros(shape) if self.adjoint_lanes > 1 else coefficients.new_empty(shape)
+        by_wavelength = self.defers and not self.is_fixed and batch * photons.count <= BY_WAVELENGTH[self.is_wide]
+        lanes = 1 if by_wavelength else self.adjoint_lanes
+        is_added = by_wavelength or lanes > 1
+        grad_maps = coefficients.new_zeros(shape) if is_added else coefficients.new_empty(shape)
         inputs = [warp_array(coefficients), photons, warp_array(grad_image)]
         if self.in_blocks and self.adjoint_lanes == 1 and not self.defers and not self.is_fixed:
             kernel = block_adjoint_kernel(*self._variant[:2], self._effects)
             self._launch(kernel, self._blocks(batch, photons), [*inputs, *self._scratch()], [warp_array(grad_maps)])
             return grad_maps
         variant = self._effects, self.is_fixed
-        kernels = fused_adjoint_kernels(*self._variant, self.adjoint_lanes, self.defers, *variant)
+        kernels = fused_adjoint_kernels(*self._variant, lanes, self.defers, *variant, by_wavelength)
         listed = self._list(batch * photons.count * self.channels, 1)
         outputs = [warp_array(grad_maps)]
-        dim = batch, photons.count, self.adjoint_lanes
+        dim = (batch, self.channels, photons.count) if by_wavelength else (batch, photons.count, lanes)
         self._launch(kernels.splat_photons_adjoint, dim, inputs, [*outputs, *listed])
         if self.defers:
             wide = fused_adjoint_kernels(*self._variant, DEFERRED_LANES, False, *variant)
@@ -138,7 +150,8 @@ class FusedPhotons:
         return grad_maps
 
     def _launch(self, kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[Any], outputs: list[Any]) -> None:
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.warp_device)
+        block = GPU_BLOCK if self.device.type == "cuda" else 256
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.warp_device, block_dim=block)
 
     def _blocks(self, batch: int, photons: Any) -> tuple[int, int]:
         """Blocks of photons over each relief."""

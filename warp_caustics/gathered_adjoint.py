@@ -1,4 +1,4 @@
-"""From gradients of scattered photons' surfaces to those of spline coefficients, in whatever order photons come."""
+"""From gradients of scattered photons' surfaces to those of spline coefficients."""
 
 from typing import Any
 
@@ -14,10 +14,23 @@ LEAST_GRADIENT = 1e-200
 """Steps are no finer than for gradients of this size, so that they are finite."""
 
 
-def gathered_adjoint(
+def gathered_adjoint(shape: tuple[int, ...], photons: Any, grad_maps: torch.Tensor) -> torch.Tensor:
+    """Gradient with respect to the coefficients, of the type of ``grad_maps``.
+
+    Args:
+        shape: of the coefficients, [B, n + 4, n + 4].
+        photons: struct ``Photons`` of N scattered ones.
+        grad_maps: gradient with respect to their surface maps [B, 6, N].
+    """
+    sums = grad_maps.new_zeros(shape)
+    _share(photons, grad_maps, torch.ones(shape[0], dtype=torch.float64, device=grad_maps.device), sums)
+    return sums
+
+
+def gathered_in_order(
     shape: tuple[int, ...], photons: Any, grad_maps: torch.Tensor, pitch_m: tuple[float, float]
 ) -> torch.Tensor:
-    """Gradient with respect to the coefficients, of the type of ``grad_maps``; nothing waits for a GPU.
+    """The same to the last bit in whatever order photons come; nothing waits for a GPU.
 
     Args:
         shape: of the coefficients, [B, n + 4, n + 4].
@@ -27,14 +40,19 @@ def gathered_adjoint(
     """
     steps = steps_of(grad_maps, pitch_m)
     sums = torch.zeros(shape, dtype=torch.int64, device=grad_maps.device)
+    _share(photons, grad_maps, steps, sums)
+    return (sums / steps[:, None, None]).to(grad_maps.dtype)
+
+
+def _share(photons: Any, grad_maps: torch.Tensor, steps: torch.Tensor, sums: torch.Tensor) -> None:
+    batch, _, count = grad_maps.shape
     wp.launch(
-        surface_adjoint_kernel(dtype_of(torch.finfo(grad_maps.dtype).bits)),
-        dim=(shape[0], grad_maps.shape[2]),
+        surface_adjoint_kernel(dtype_of(torch.finfo(grad_maps.dtype).bits), not sums.is_floating_point()),
+        dim=(batch, count),
         inputs=[photons, warp_array(grad_maps), warp_array(steps)],
         outputs=[warp_array(sums)],
         device=wp.device_from_torch(grad_maps.device),
     )
-    return (sums / steps[:, None, None]).to(grad_maps.dtype)
 
 
 def steps_of(grad_maps: torch.Tensor, pitch_m: tuple[float, float]) -> torch.Tensor:

@@ -15,10 +15,13 @@ import math
 
 import numpy as np
 
-from warp_caustics.types import FloatArray
+from warp_caustics.types import FloatArray, IntArray
 
 MARGIN = 2
 """Coefficients kept beyond the samples on either side."""
+
+TAPS = 4
+"""Coefficients that act on a point along an axis."""
 
 _POLE = math.sqrt(3.0) - 2.0
 
@@ -47,8 +50,8 @@ def prefilter_matrix(n: int, first: int = 0, last: int | None = None) -> FloatAr
     return folded
 
 
-def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
-    """Matrix from coefficients to the spline, or to its derivative, at given points of one axis.
+def basis_taps(n: int, u: FloatArray, derivative: int) -> tuple[IntArray, FloatArray]:
+    """The four coefficients that act on the spline, or on its derivative, at given points of one axis.
 
     Args:
         n: number of samples along the axis.
@@ -56,7 +59,7 @@ def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
         derivative: 0, 1 or 2; derivatives are per sample pitch.
 
     Returns:
-        Shape [k, n + 4].
+        The first of them, shape [k], and their weights [k, 4].
     """
     cell = np.clip(np.floor(u).astype(int), -1, n - 1)
     t = u - cell
@@ -69,9 +72,23 @@ def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
         weights = [1 - t, 3 * t - 2, -3 * t + 1, t]
     else:
         raise ValueError(f"derivative {derivative} is not 0, 1 or 2")
+    return cell + MARGIN - 1, np.stack(weights, axis=-1)
+
+
+def basis_matrix(n: int, u: FloatArray, derivative: int) -> FloatArray:
+    """Matrix from coefficients to the spline, or to its derivative, at given points of one axis.
+
+    Args:
+        n: number of samples along the axis.
+        u: sample coordinates in [-1/2, n - 1/2], shape [k].
+        derivative: 0, 1 or 2; derivatives are per sample pitch.
+
+    Returns:
+        Shape [k, n + 4].
+    """
+    first, weights = basis_taps(n, u, derivative)
     matrix = np.zeros((len(u), n + 2 * MARGIN))
-    for tap, weight in enumerate(weights):
-        matrix[np.arange(len(u)), cell + MARGIN - 1 + tap] = weight
+    np.put_along_axis(matrix, first[:, None] + np.arange(TAPS), weights, axis=1)
     return matrix
 
 

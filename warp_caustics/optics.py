@@ -179,10 +179,6 @@ class Optics:
         told.clear = wp.from_torch(clear, requires_grad=False)
         return told
 
-    def no_gradient(self) -> Any:
-        """An empty struct ``Photons``: adjoints of what nobody differentiates."""
-        return self._struct()
-
 
 def _table(struct: Any, numbers: list[dict[str, Any]], device: torch.device) -> torch.Tensor:
     """Structs ``Optics`` as bytes [S, size] on a device, copied without waiting for it."""

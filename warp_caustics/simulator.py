@@ -11,6 +11,7 @@ from warp_caustics.chunked import CHUNK_BYTES
 from warp_caustics.determinism import settle_gpu
 from warp_caustics.engine import Engine
 from warp_caustics.errors import InputError, ResourceError
+from warp_caustics.extremes import Extremes
 from warp_caustics.photons import PhotonPlan
 from warp_caustics.presets import PRESETS, Preset
 from warp_caustics.scene import Placement, Profile, Scene
@@ -28,17 +29,16 @@ class _Simulate(torch.autograd.Function):
     """Engine.image with Engine.image_adjoint; stores nothing but the heights."""
 
     @staticmethod
-    def forward(ctx: Any, heights: torch.Tensor, engine: Engine) -> torch.Tensor:
+    def forward(ctx: Any, heights: torch.Tensor, engine: Engine, extremes: Extremes) -> torch.Tensor:
         ctx.save_for_backward(heights)
         ctx.engine = engine
-        # A GPU simulates while the host learns what the heights are.
-        return engine.image(heights.detach().contiguous(), is_guarded=heights.is_cuda)
+        return engine.image(heights.detach().contiguous(), extremes)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad_image: torch.Tensor) -> tuple[torch.Tensor, None]:
+    def backward(ctx: Any, grad_image: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         (heights,) = ctx.saved_tensors
-        return ctx.engine.image_adjoint(heights.detach().contiguous(), grad_image.contiguous()), None
+        return ctx.engine.image_adjoint(heights.detach().contiguous(), grad_image.contiguous()), None, None
 
 
 class CausticSimulator:
@@ -118,15 +118,20 @@ class CausticSimulator:
             ResourceError: the GPU's memory is too small; says which batch would fit.
         """
         batch = self._shaped(heights)
-        extremes = self._extremes.of(batch)
+        # A GPU simulates while the host learns what the heights are.
+        extremes = self._extremes
         if self.device.type == "cpu":
-            self._check_heights(heights, extremes)
+            extremes.find(batch)
+            self._check_heights(heights)
         try:
-            image: torch.Tensor = _Simulate.apply(batch, self.engine)  # type: ignore[no-untyped-call]
+            if torch.is_grad_enabled() and batch.requires_grad:
+                image: torch.Tensor = _Simulate.apply(batch, self.engine, extremes)  # type: ignore[no-untyped-call]
+            else:
+                image = self.engine.image(batch.detach().contiguous(), extremes)
         except torch.OutOfMemoryError as error:
             raise ResourceError(self._memory_advice(len(batch))) from error
         if self.device.type == "cuda":
-            self._check_heights(heights, extremes)
+            self._check_heights(heights)
         return image if heights.ndim == 3 else image[0]
 
     def reseed(self, seed: int, role: str = "") -> None:
@@ -180,9 +185,9 @@ class CausticSimulator:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
         return heights if heights.ndim == 3 else heights[None]
 
-    def _check_heights(self, heights: torch.Tensor, extremes: torch.Tensor) -> None:
-        """Refuse heights that cannot be simulated."""
-        lowest, highest = self._extremes.read(extremes)
+    def _check_heights(self, heights: torch.Tensor) -> None:
+        """Refuse heights that cannot be simulated, whose extremes were asked for."""
+        lowest, highest = self._extremes.read()
         if not (math.isfinite(lowest) and math.isfinite(highest)):
             where = (~torch.isfinite(heights)).nonzero()[0].tolist()
             raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")
@@ -191,37 +196,6 @@ class CausticSimulator:
                 f"height {lowest:g} m cuts through the plate of {self.scene.base_thickness_m:g} m; "
                 "heights are above the base, in metres"
             )
-
-
-class Extremes:
-    """Lowest and highest of some heights, which a GPU finds and copies to the host while this one goes on.
-
-    Args:
-        device: of the heights.
-        dtype: likewise.
-    """
-
-    def __init__(self, device: torch.device, dtype: torch.dtype):
-        self._pinned, self._is_there = None, None
-        if device.type == "cuda":
-            # Made once: memory that a GPU can write to takes the host longer than a simulation.
-            self._pinned, self._is_there = torch.zeros(2, dtype=dtype, pin_memory=True), torch.cuda.Event()
-
-    def of(self, heights: torch.Tensor) -> torch.Tensor:
-        """Begin with heights of any shape; one that is not a number is both the lowest and the highest."""
-        pair = torch.stack(torch.aminmax(heights.detach()))
-        if self._pinned is None or self._is_there is None:
-            return pair
-        self._pinned.copy_(pair, non_blocking=True)
-        self._is_there.record(torch.cuda.current_stream(heights.device))
-        return self._pinned
-
-    def read(self, pair: torch.Tensor) -> tuple[float, float]:
-        """Both, as soon as they are there."""
-        if self._is_there is not None:
-            self._is_there.synchronize()
-        lowest, highest = pair.tolist()
-        return lowest, highest
 
 
 def usable_device(device: str | torch.device) -> torch.device:

@@ -6,6 +6,7 @@ import torch
 from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.energy import energy_budget
+from warp_caustics.errors import InputError
 from warp_caustics.oracle import oracle_image
 from warp_caustics.reconstruct.base import CausticImage
 
@@ -119,6 +120,20 @@ def test_replayed_graphs_give_what_launches_give(monkeypatch):
         for (image, grad), (image_launched, grad_launched) in zip(found, expected, strict=True):
             torch.testing.assert_close(image, image_launched, rtol=0, atol=1e-12 * float(image_launched.max()))
             torch.testing.assert_close(grad, grad_launched, rtol=0, atol=1e-12 * float(grad_launched.abs().max()))
+
+
+def test_impossible_heights_are_refused_through_graphs():
+    """The host learns what the heights are while the GPU simulates, in whatever order good and bad ones come."""
+    simulator = CausticSimulator(FAR, n_photons=900, device="cuda")
+    good, holed, empty = (bumpy().float().cuda() for _ in range(3))
+    holed[3, 4], empty[7, 2] = -1.0, torch.nan
+    expected = simulator(good)
+    for _ in range(20):
+        with pytest.raises(InputError, match="cuts through the plate"):
+            simulator(holed)
+        torch.testing.assert_close(simulator(good), expected, rtol=1e-5, atol=1e-5 * float(expected.max()))
+        with pytest.raises(InputError, match=r"at index \[7, 2\] is not finite"):
+            simulator(empty)
 
 
 def test_deferred_wide_footprints_are_not_lost(monkeypatch):

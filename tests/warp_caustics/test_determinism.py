@@ -10,7 +10,7 @@ from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Line, Scene, line_relief
 from warp_caustics.determinism import VARIABLE, is_deterministic, make_deterministic, settle_gpu
 from warp_caustics.errors import InputError
-from warp_caustics.gathered_adjoint import gathered_adjoint
+from warp_caustics.gathered_adjoint import gathered_in_order
 from warp_caustics.kernels.fixed_point import MOST_STEPS
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.photons import PhotonPlan
@@ -144,19 +144,19 @@ def test_a_path_that_is_too_bright_is_cut_off():
 
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1.0, 1e200])
 def test_gradients_of_any_size_are_shared_out(size):
-    """Against Warp's adjoint, in float64; what is no number stays none."""
+    """Against floating sums, in float64; what is no number stays none."""
     simulator = as_on_a_gpu(SCENE, SCATTERED, torch.float64)
     engine = simulator.engine
     chunk, positions = next(iter(engine.chunks(2)))
     shape = (2, 14, 14)
     grad = size * torch.randn(2, 6, chunk.count, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    found = gathered_adjoint(shape, engine.photons(positions), grad, SCENE.sample_pitch_m)
+    found = gathered_in_order(shape, engine.photons(positions), grad, SCENE.sample_pitch_m)
     engine.fused.is_fixed = False
     expected = engine.maps_adjoint(torch.zeros(shape, dtype=torch.float64), chunk, grad)
     assert bool(found.isfinite().all())
     assert float((found - expected).abs().max()) <= 1e-12 * float(expected.abs().max()) + 1e-210
     grad[1, 3, 5] = torch.nan
-    found = gathered_adjoint(shape, engine.photons(positions), grad, SCENE.sample_pitch_m)
+    found = gathered_in_order(shape, engine.photons(positions), grad, SCENE.sample_pitch_m)
     assert bool(found[0].isfinite().all()) and bool(found[1].isnan().all())
 
 

@@ -6,6 +6,7 @@ import torch
 from warp_caustics import CausticSimulator, Scene, spline_stage
 from warp_caustics.banded import BLOCK_ROWS
 from warp_caustics.height_field import PREFILTER_REACH
+from warp_caustics.lattice_adjoint import LatticeAdjoint
 
 N = 2 * BLOCK_ROWS + 90
 """Samples: three blocks, the last one a rest."""
@@ -50,6 +51,20 @@ def test_maps_of_a_lattice_and_their_adjoint(monkeypatch):
     assert_close(blocks.maps(coefficients, chunk, positions), expected)
     grad = noise(*expected.shape)
     assert_close(blocks.maps_adjoint(coefficients, chunk, grad), whole.maps_adjoint(coefficients, chunk, grad))
+
+
+@pytest.mark.parametrize("photons", [(700, 310), (211, 90)])
+def test_coefficients_gather_from_the_photons_they_act_on(photons):
+    """As a GPU does it; fewer photons than samples leave coefficients that act on none."""
+    scene = Scene(height_samples=N, image_pixels=16, plate_size_m=(0.045, 0.02))
+    made = CausticSimulator(scene, n_photons=photons[0] * photons[1], dtype=torch.float64).engine
+    spline, plan = made.spline, made.plan
+    gather = LatticeAdjoint(plan, spline._tensor)
+    chunks = list(plan.chunks(plan.count // 3))
+    assert len(chunks) > 2
+    for chunk in chunks:
+        grad = noise(2, 6, chunk.rows, plan.columns)
+        assert_close(gather(grad, chunk), spline.maps_adjoint(grad, chunk))
 
 
 @pytest.mark.parametrize("n", [600, 1200])

@@ -15,6 +15,7 @@ import warp as wp
 
 from warp_caustics.kernels.collimated import collimated_functions
 from warp_caustics.kernels.effects import PLAIN, Effects
+from warp_caustics.kernels.fused import GPU_OPTIONS
 from warp_caustics.kernels.general import general_functions
 from warp_caustics.kernels.made_once import made_once
 from warp_caustics.kernels.native import lanes_adder
@@ -33,6 +34,7 @@ def fused_adjoint_kernels(
     defers: bool,
     effects: Effects = PLAIN,
     in_order: bool = False,
+    by_wavelength: bool = False,
 ) -> SimpleNamespace:
     """Kernels ``splat_photons_adjoint`` and ``splat_deferred_adjoint``.
 
@@ -45,9 +47,13 @@ def fused_adjoint_kernels(
         effects: beyond refraction.
         in_order: the same sums every time: photons are listed with all of their wavelengths instead of footprints, so
             that no two groups of threads add to one photon, and the ``deferred`` kernel has ``WARP_LANES`` on a GPU.
+        by_wavelength: a thread for each wavelength of a photon, which add to one gradient: a launch of few photons
+            waits for those with large footprints at all of them. For one lane, not in order.
     """
     # GPU variants have several lanes or leave wide footprints to those that have.
-    gather = gathering_function(dtype, profile, lanes, lanes == 1 and not defers)
+    in_registers = lanes == 1 and not defers
+    options = {} if in_registers else GPU_OPTIONS
+    gather = gathering_function(dtype, profile, lanes, in_registers)
     is_straight = effects.is_straight
     collimated, general = collimated_functions(dtype, effects), general_functions(dtype, effects)
     light = collimated if is_straight else general
@@ -109,7 +115,7 @@ def fused_adjoint_kernels(
         return gradient, here
 
     @no_type_check
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options=options)
     def splat_photons_adjoint(
         coefficients: wp.array3d[dtype],
         photons: Photons,
@@ -119,14 +125,24 @@ def fused_adjoint_kernels(
         listed: wp.array2d[wp.int32],
         count: wp.array[wp.int32],
     ):
-        """Gradient with respect to the surface maps [B, 6, N]; with several lanes it is added to zeros."""
+        """Gradient with respect to the surface maps [B, 6, N]; with several threads a photon it is added to zeros.
+
+        Launched for [B, N, lanes], or for [B, C, N] by wavelength.
+        """
         b, p, lane = wp.tid()
-        photon = photon_at(coefficients, photons, b, p)
         channels = grad_image.shape[1]
+        first_channel = wp.int32(0)
+        last_channel = channels - 1
+        if wp.static(by_wavelength):
+            first_channel = p
+            last_channel = p
+            p = lane
+            lane = wp.int32(0)
+        photon = photon_at(coefficients, photons, b, p)
         item = (b * photons.count + p) * channels
         gradient = vec6()
         left = wp.int32(0)
-        for c in range(channels):
+        for c in range(first_channel, last_channel + 1):
             if left == 0:
                 found, here = gather_photon(photon, c, item + c, photons, b, p, lane, grad_image, listed, count)
                 gradient += found
@@ -137,13 +153,13 @@ def fused_adjoint_kernels(
                 gradient = vec6()
                 put_off(b * photons.count + p, 0, 0, lane, listed, count)
         for plane in range(6):
-            if wp.static(lanes == 1):
+            if wp.static(lanes == 1 and not by_wavelength):
                 grad_maps[b, plane, p] = gradient[plane]
             else:
                 wp.atomic_add(grad_maps, b, plane, p, gradient[plane])
 
     @no_type_check
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options=options)
     def splat_deferred_adjoint(
         coefficients: wp.array3d[dtype],
         photons: Photons,

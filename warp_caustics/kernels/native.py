@@ -206,3 +206,60 @@ def lanes_adder(dtype: Any) -> Any:
     def add(sums: wp.array3d[dtype], b: wp.int32, p: wp.int32, terms: vec6, lane: wp.int32): ...
 
     return add
+
+
+MAX_CELLS = 4
+"""Cells that the threads of a warp may stand over for their terms to be added up first, one cell after the other."""
+
+_ADD_TO_CELL = """
+    const int stride = sums.shape[2];
+    {real}* place = sums.data + (size_t(b) * sums.shape[1] + row) * stride + column;
+#if defined(__CUDA_ARCH__)
+    const unsigned all = 0xffffffffu;
+    if (__activemask() == all) {{
+        const int lane = threadIdx.x & 31;
+        const unsigned long long own = (unsigned long long)place;
+        const bool is_first = lane == __ffs(__match_any_sync(all, own)) - 1;
+        if (__popc(__ballot_sync(all, is_first)) <= {cells}) {{
+            for (unsigned left = all; left != 0;) {{
+                const unsigned long long cell = __shfl_sync(all, own, __ffs(left) - 1);
+                const bool is_mine = own == cell;
+                left &= ~__ballot_sync(all, is_mine);
+                {real} v[16];
+                #pragma unroll
+                for (int k = 0; k < 16; ++k) v[k] = is_mine ? terms[k] : ({real})0;
+                // Each step halves how many sums a thread keeps and doubles over how many threads they are.
+                #pragma unroll
+                for (int half = 8, apart = 16; half > 0; half /= 2, apart /= 2) {{
+                    const bool is_upper = lane & apart;
+                    #pragma unroll
+                    for (int k = 0; k < half; ++k) {{
+                        const {real} given = is_upper ? v[k] : v[k + half];
+                        const {real} kept = is_upper ? v[k + half] : v[k];
+                        v[k] = kept + __shfl_xor_sync(all, given, apart);
+                    }}
+                }}
+                const {real} total = v[0] + __shfl_xor_sync(all, v[0], 1);
+                if (!(lane & 1)) atomicAdd(({real}*)cell + (lane >> 3) * stride + (lane >> 1 & 3), total);
+            }}
+            return;
+        }}
+    }}
+    #pragma unroll
+    for (int k = 0; k < 16; ++k) atomicAdd(place + (k >> 2) * stride + (k & 3), terms[k]);
+#else
+    for (int k = 0; k < 16; ++k) place[(k >> 2) * stride + (k & 3)] += terms[k];
+#endif
+"""
+
+
+@made_once
+def cell_adder(dtype: Any) -> Any:
+    """Adds sixteen terms to four by four neighbouring sums [B, n, n], from a row and column on."""
+    vec16 = wp.types.vector(length=16, dtype=dtype)
+
+    @no_type_check
+    @wp.func_native(_ADD_TO_CELL.format(real=_REAL[dtype], cells=MAX_CELLS))
+    def add(sums: wp.array3d[dtype], b: wp.int32, row: wp.int32, column: wp.int32, terms: vec16): ...
+
+    return add

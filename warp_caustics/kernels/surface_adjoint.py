@@ -1,6 +1,8 @@
-"""Adjoint of ``gather_surface`` in fixed point: from gradients of scattered photons to those of coefficients.
+"""Adjoint of ``gather_surface``: from gradients of scattered photons to those of coefficients.
 
-Sixteen coefficients share what a photon brings. Warp's own adjoint adds floating numbers in any order of photons.
+Sixteen coefficients share what a photon brings. Floating numbers are added in any order of photons; in fixed point the
+order does not matter. The threads of a GPU that stand over one cell, as photons sorted by cell do, add up what they
+bring first: a cell's coefficients would otherwise wait for hundreds of additions, one after the other.
 """
 
 from typing import Any, no_type_check
@@ -9,18 +11,21 @@ import warp as wp
 
 from warp_caustics.kernels.fixed_point import counting_function
 from warp_caustics.kernels.made_once import made_once
+from warp_caustics.kernels.native import cell_adder
 from warp_caustics.kernels.photons import photons_struct
 from warp_caustics.kernels.surface import surface_functions
 
 
 @made_once
-def surface_adjoint_kernel(dtype: Any) -> Any:
-    """Kernel ``share_gradient`` for float32 or float64."""
+def surface_adjoint_kernel(dtype: Any, is_fixed: bool) -> Any:
+    """Kernel ``share_gradient`` for float32 or float64, with sums of that type or in fixed point."""
     Photons = photons_struct(dtype)
     functions = surface_functions(dtype)
     cell_at = functions.cell_at
     weights, slopes, curvatures = functions.spline_weights, functions.spline_slopes, functions.spline_curvatures
-    counted = counting_function(wp.float64, True)
+    counted, sums_type = counting_function(wp.float64, True), wp.int64 if is_fixed else dtype
+    add_to_cell = cell_adder(dtype)
+    vec16 = wp.types.vector(length=16, dtype=dtype)
     vec3 = wp.types.vector(length=3, dtype=dtype)
 
     @no_type_check
@@ -30,9 +35,10 @@ def surface_adjoint_kernel(dtype: Any) -> Any:
         grad_maps: wp.array3d[dtype],
         steps: wp.array[wp.float64],
         # outputs
-        sums: wp.array3d[wp.int64],
+        sums: wp.array3d[sums_type],
     ):
-        """From gradients of maps [B, 6, N] to those of coefficients [B, n + 4, n + 4], in ``steps`` [B] per unit."""
+        """From gradients of maps [B, 6, N] to those of coefficients [B, n + 4, n + 4]; in fixed point, in ``steps`` [B]
+        per unit."""
         b, p = wp.tid()
         along_x = photons.samples_per_m_x
         along_y = photons.samples_per_m_y
@@ -49,12 +55,18 @@ def surface_adjoint_kernel(dtype: Any) -> Any:
         steep_h = grad_maps[b, 2, p] * along_y
         steep_x = grad_maps[b, 4, p] * along_x * along_y
         bent = grad_maps[b, 5, p] * along_y * along_y
+        terms = vec16()
         for l in range(4):
             by_weight = wx[l] * flat[0] + sx[l] * flat[1] + cx[l] * flat[2]
             by_slope = wx[l] * steep_h + sx[l] * steep_x
             by_curvature = wx[l] * bent
             for k in range(4):
                 term = wy[k] * by_weight + sy[k] * by_slope + cy[k] * by_curvature
-                wp.atomic_add(sums, b, row + 1 + k, column + 1 + l, counted(wp.float64(term) * steps[b]))
+                if wp.static(is_fixed):
+                    wp.atomic_add(sums, b, row + 1 + k, column + 1 + l, counted(wp.float64(term) * steps[b]))
+                else:
+                    terms[4 * k + l] = term
+        if wp.static(not is_fixed):
+            add_to_cell(sums, b, row + 1, column + 1, terms)
 
     return share_gradient
