@@ -147,8 +147,8 @@ class PhotonPlan:
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Multiples of it, without their whole parts, lie as evenly as can be however many there are."""
 
-GROUP = 32
-"""Photons that stay together where cells are spread: as many as a GPU's threads that run together."""
+GROUP = 64
+"""Photons that stay together where cells are spread: a block of a GPU's threads."""
 
 
 def sorted_by_cell(positions: torch.Tensor, scene: Scene, *, is_spread: bool = False) -> torch.Tensor:

@@ -15,12 +15,12 @@ POINT = Effects(fresnel=True, lamp=True, tilt=False, point=True, second_hits=Tru
 KERNELS = {
     "packed": lambda: fused_kernels(wp.float32, "spline", True, 3, 1, True).splat_photons,
     "deferred blocks": lambda: fused_kernels(wp.float32, "gaussian", False, 3, 32, False).splat_deferred,
-    "adjoint by wavelength": lambda: fused_adjoint_kernels(
-        wp.float32, "spline", True, 1, True, by_wavelength=True
-    ).splat_photons_adjoint,
-    "adjoint in order": lambda: fused_adjoint_kernels(
-        wp.float32, "gaussian", False, 32, False, POINT, True
-    ).splat_deferred_adjoint,
+    "adjoint by wavelength": lambda: (
+        fused_adjoint_kernels(wp.float32, "spline", True, 1, True, by_wavelength=True).splat_photons_adjoint
+    ),
+    "adjoint in order": lambda: (
+        fused_adjoint_kernels(wp.float32, "gaussian", False, 32, False, POINT, True).splat_deferred_adjoint
+    ),
     "packed image": lambda: unpack_kernel(wp.float32),
     "scattered photons": lambda: surface_adjoint_kernel(wp.float32, False),
     "lattice": lambda: lattice_adjoint_kernels(wp.float32).gather_along_y,

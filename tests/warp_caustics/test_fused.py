@@ -4,6 +4,8 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
+from warp_caustics import fused as fused_module
+from warp_caustics.fused import FusedPhotons
 from warp_caustics.oracle import oracle_image
 
 SCENE = Scene(height_samples=10, image_pixels=20, screen_position_m=(1e-3, -2e-3, -0.02))
@@ -84,6 +86,21 @@ def test_variant_changes_nothing(placement, variant, profile, scene):
 def test_variants_of_the_general_form_change_nothing(variant):
     for a, b in zip(image_and_gradient(scene=TILTED, **variant), image_and_gradient(scene=TILTED), strict=True):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
+
+
+@pytest.mark.parametrize(("profile", "placement"), [("spline", "lattice"), ("gaussian", "random")])
+def test_a_thread_for_each_wavelength_changes_nothing(monkeypatch, profile, placement):
+    """Few photons have one, many have one for all wavelengths; some are deferred either way."""
+    arguments = {"profile": profile, "placement": placement, **VARIANTS["some deferred"]}
+    launched = []
+    launch = FusedPhotons._launch
+    monkeypatch.setattr(FusedPhotons, "_launch", lambda self, *a: (launched.append(a[1]), launch(self, *a)))
+    each = image_and_gradient(**arguments)
+    monkeypatch.setattr(fused_module, "BY_WAVELENGTH", (0, 0))
+    together = image_and_gradient(**arguments)
+    for a, b in zip(each, together, strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=1e-12 * float(b.abs().max()))
+    assert (2, 3, 900) in launched and launched.count((2, 900, 1)) >= 3
 
 
 def test_nothing_is_deferred_unless_asked_for():

@@ -208,8 +208,9 @@ def lanes_adder(dtype: Any) -> Any:
     return add
 
 
-MAX_CELLS = 4
-"""Cells that the threads of a warp may stand over for their terms to be added up first, one cell after the other."""
+CELLS_AT_ONCE, LEAST_THREADS = 4, 4
+"""Cells that the threads of a warp may stand over for their terms to be added up first, one cell after the other; and
+how many threads a cell must have for that."""
 
 _ADD_TO_CELL = """
     const int stride = sums.shape[2];
@@ -219,31 +220,20 @@ _ADD_TO_CELL = """
     if (__activemask() == all) {{
         const int lane = threadIdx.x & 31;
         const unsigned long long own = (unsigned long long)place;
-        const bool is_first = lane == __ffs(__match_any_sync(all, own)) - 1;
-        if (__popc(__ballot_sync(all, is_first)) <= {cells}) {{
-            for (unsigned left = all; left != 0;) {{
-                const unsigned long long cell = __shfl_sync(all, own, __ffs(left) - 1);
-                const bool is_mine = own == cell;
-                left &= ~__ballot_sync(all, is_mine);
-                {real} v[16];
-                #pragma unroll
-                for (int k = 0; k < 16; ++k) v[k] = is_mine ? terms[k] : ({real})0;
-                // Each step halves how many sums a thread keeps and doubles over how many threads they are.
-                #pragma unroll
-                for (int half = 8, apart = 16; half > 0; half /= 2, apart /= 2) {{
-                    const bool is_upper = lane & apart;
-                    #pragma unroll
-                    for (int k = 0; k < half; ++k) {{
-                        const {real} given = is_upper ? v[k] : v[k + half];
-                        const {real} kept = is_upper ? v[k + half] : v[k];
-                        v[k] = kept + __shfl_xor_sync(all, given, apart);
-                    }}
-                }}
-                const {real} total = v[0] + __shfl_xor_sync(all, v[0], 1);
-                if (!(lane & 1)) atomicAdd(({real}*)cell + (lane >> 3) * stride + (lane >> 1 & 3), total);
-            }}
-            return;
+        unsigned left = all;
+        for (int turn = 0; turn < {cells} && left != 0; ++turn) {{
+            const unsigned long long cell = __shfl_sync(all, own, __ffs(left) - 1);
+            const bool is_mine = own == cell;
+            const unsigned here = __ballot_sync(all, is_mine);
+            if (__popc(here) < {threads}) break;
+            left &= ~here;
+            {sums}
+            // Each step halves how many sums a thread keeps and doubles over how many threads they are.
+            {steps}
+            const {real} total = v0 + __shfl_xor_sync(all, v0, 1);
+            if (!(lane & 1)) atomicAdd(({real}*)cell + (lane >> 3) * stride + (lane >> 1 & 3), total);
         }}
+        if (!(left >> lane & 1)) return;
     }}
     #pragma unroll
     for (int k = 0; k < 16; ++k) atomicAdd(place + (k >> 2) * stride + (k & 3), terms[k]);
@@ -253,13 +243,27 @@ _ADD_TO_CELL = """
 """
 
 
+def _sixteen_sums(real: str) -> tuple[str, str]:
+    """C++ of a thread's terms, and of four steps after which ``v0`` is one of sixteen sums; an array would not stay in
+    registers."""
+    sums = " ".join(f"{real} v{k} = is_mine ? terms[{k}] : ({real})0;" for k in range(16))
+    steps = []
+    for half in (8, 4, 2, 1):
+        for k in range(half):
+            given, kept = f"(lane & {2 * half} ? v{k} : v{k + half})", f"(lane & {2 * half} ? v{k + half} : v{k})"
+            steps.append(f"v{k} = {kept} + __shfl_xor_sync(all, {given}, {2 * half});")
+    return sums, " ".join(steps)
+
+
 @made_once
 def cell_adder(dtype: Any) -> Any:
     """Adds sixteen terms to four by four neighbouring sums [B, n, n], from a row and column on."""
     vec16 = wp.types.vector(length=16, dtype=dtype)
+    sums, steps = _sixteen_sums(_REAL[dtype])
+    told = {"real": _REAL[dtype], "cells": CELLS_AT_ONCE, "threads": LEAST_THREADS, "sums": sums, "steps": steps}
 
     @no_type_check
-    @wp.func_native(_ADD_TO_CELL.format(real=_REAL[dtype], cells=MAX_CELLS))
+    @wp.func_native(_ADD_TO_CELL.format(**told))
     def add(sums: wp.array3d[dtype], b: wp.int32, row: wp.int32, column: wp.int32, terms: vec16): ...
 
     return add

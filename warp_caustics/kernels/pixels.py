@@ -74,7 +74,7 @@ def adding_functions(
     """
     if in_registers and profile == "gaussian":
         return _adding_gaussians(dtype)
-    cumulative, _ = profile_functions(dtype, profile)
+    cumulative, _ = profile_functions(dtype, profile, is_brief=dtype is wp.float32)
     first_pixel, last_pixel = window_functions(dtype, profile)
     add_row, _ = cpu_row_functions(dtype)
     add_pixel = pixel_adder(dtype, width)
@@ -207,7 +207,7 @@ def gathering_function(dtype: Any, profile: str, lanes: int, in_registers: bool)
     """``gather``: adjoint of ``add_rows`` for one wavelength and planar images; arguments as above."""
     if in_registers and profile == "gaussian":
         return _gathering_gaussians(dtype)
-    cumulative, density = profile_functions(dtype, profile)
+    cumulative, density = profile_functions(dtype, profile, is_brief=dtype is wp.float32)
     first_pixel, last_pixel = window_functions(dtype, profile)
     _, gather_row = cpu_row_functions(dtype)
     Footprint = footprint_struct(dtype, 0)

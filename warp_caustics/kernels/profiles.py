@@ -36,6 +36,43 @@ REACH = {"gaussian": GAUSSIAN_REACH * math.sqrt(WIDENING), "spline": 3.0}
 """Half-width of each profile in standard deviations."""
 
 
+ERF_POLE = 0.3275911
+ERF_TERMS = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
+"""erf(x) = 1 - (a1 r + ... + a5 r^5) exp(-x^2), r = 1 / (1 + p x), for x >= 0, to 1.5e-7 (Abramowitz and Stegun,
+Handbook of Mathematical Functions, 7.1.26)."""
+
+
+def _brief_gaussian_profile(dtype: Any) -> tuple[Any, Any]:
+    """The same in half the operations, to 1e-7 of the whole: both need the one exponential."""
+    reach = wp.constant(dtype(GAUSSIAN_REACH))
+    narrowing = wp.constant(dtype(1.0 / math.sqrt(WIDENING)))
+    zero = wp.constant(dtype(0.0))
+    one = wp.constant(dtype(1.0))
+    half = wp.constant(dtype(0.5))
+    half_normalisation = wp.constant(dtype(0.5 * NORMALISATION))
+    peak = wp.constant(dtype(NORMALISATION / math.sqrt(2.0 * math.pi * WIDENING)))
+    pole = wp.constant(dtype(ERF_POLE * math.sqrt(0.5)))
+    a1, a2, a3, a4, a5 = (wp.constant(dtype(a)) for a in ERF_TERMS)
+
+    @no_type_check
+    @wp.func
+    def cumulative(t: dtype):
+        u = t * narrowing
+        far = wp.abs(u)
+        r = one / (one + pole * far)
+        beyond = r * (a1 + r * (a2 + r * (a3 + r * (a4 + r * a5)))) * wp.exp(-half * u * u)
+        part = wp.where(far < reach, half_normalisation * (one - beyond), half)
+        return half + wp.where(u < zero, -part, part)
+
+    @no_type_check
+    @wp.func
+    def density(t: dtype):
+        u = t * narrowing
+        return wp.where(wp.abs(u) < reach, peak * wp.exp(-half * u * u), zero)
+
+    return cumulative, density
+
+
 def _gaussian_profile(dtype: Any) -> tuple[Any, Any]:
     reach = wp.constant(dtype(GAUSSIAN_REACH))
     narrowing = wp.constant(dtype(1.0 / math.sqrt(WIDENING)))
@@ -95,6 +132,8 @@ def _spline_profile(dtype: Any) -> tuple[Any, Any]:
 
 
 @made_once
-def profile_functions(dtype: Any, profile: str) -> tuple[Any, Any]:
-    """Warp functions ``cumulative`` and ``density`` of a profile, for float32 or float64."""
+def profile_functions(dtype: Any, profile: str, is_brief: bool = False) -> tuple[Any, Any]:
+    """Warp functions ``cumulative`` and ``density`` of a profile, for float32 or float64; to 1e-7 if ``is_brief``."""
+    if is_brief and profile == "gaussian":
+        return _brief_gaussian_profile(dtype)
     return {"gaussian": _gaussian_profile, "spline": _spline_profile}[profile](dtype)
