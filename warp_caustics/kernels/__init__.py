@@ -6,8 +6,9 @@ light. The separate stages serve tapes. Both meet in ``pixels``, which knows how
 a footprint is spread over pixels. ``rows`` does the same for lattices on a CPU,
 sixteen photons at a time, in snippets that repeat those formulas for vectors;
 ``blocks`` refracts scattered photons so, and ``gaussian_pixels`` spreads them.
-Where a GPU's results are to repeat, sums are in ``fixed_point``, with
-``surface_adjoint`` for scattered photons.
+``lattice_surface`` and ``surface_adjoint`` lead from photons back to the
+relief's coefficients on a GPU, the latter everywhere for scattered photons.
+Where a GPU's results are to repeat, sums are in ``fixed_point``.
 
 Kernels know nothing of torch. Each file has a memoised factory, because Warp
 never promotes float32 to float64: ``trace_kernels(wp.float64)`` is the same
