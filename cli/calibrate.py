@@ -107,9 +107,10 @@ def calibrate(
     """
     from cli.calibration.files import CALIBRATION, write_calibration
     from cli.calibration.shots import given_shots, named_numbers
-    from cli.config import config_files, load_config
+    from cli.config import load_config
     from cli.output import check_target, result_folder
     from cli.provenance import file_records
+    from cli.shipped_files import config_files
     from warp_caustics.errors import InputError
 
     if noise is not None and not noise > 0:

@@ -4,7 +4,6 @@ Read by the rules of :mod:`warp_caustics.io.yaml_file`. A key that is not known
 is refused with a guess at the one that was meant.
 """
 
-import difflib
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -15,17 +14,16 @@ import pydantic
 import yaml
 from pydantic import AfterValidator, BaseModel, Field
 
+from cli.config_sections import merged, nested, parsed_setting
+from cli.shipped_files import config_path
 from cli.spelled import spelled_in
 from data_gen.bench_ranges import BenchRanges
-from data_gen.config import PATTERN_CONFIGS, PatternConfig, ReliefConfig
+from data_gen.config import PatternConfig, ReliefConfig
 from data_gen.dataset_config import DatasetConfig, PhotonConfig
-from data_gen.making import Making
-from data_gen.variety import PrintVariety
 from nets.config import BEST_DENOISER, BEST_UPDATER, NetworkConfig
 from warp_caustics.determinism import is_deterministic, make_deterministic
 from warp_caustics.errors import InputError, known_names, shortened
-from warp_caustics.io.atomic import regular_file
-from warp_caustics.io.yaml_file import parsed_yaml, read_yaml
+from warp_caustics.io.yaml_file import read_yaml
 from warp_caustics.presets import PRESETS
 from warp_caustics.scene import Placement, Profile, Scene, validation_lines
 from warp_caustics.strict import Strict
@@ -228,61 +226,6 @@ def validated(kind: type[Model], tree: Mapping[str, Any], spelled: Callable[[str
         raise InputError("; ".join(problems[:MAX_PROBLEMS]) + more) from error
 
 
-def dump_config(config: BaseModel) -> str:
-    """A whole configuration as YAML, in a fixed order; :func:`load_config` reads it back unchanged."""
-    tree = config.model_dump(mode="json")
-    text: str = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
-    return text
-
-
-def config_folder() -> Path:
-    """Folder of the configurations that come with the software."""
-    here = Path(__file__).parent
-    # Inside the package when installed from a wheel, beside it in a checkout.
-    return next((f for f in (here / "configs", here.parent / "configs") if f.is_dir()), here)
-
-
-def shipped_configs() -> dict[str, Path]:
-    """Configurations that come with the software, by name."""
-    return {path.stem: path for path in sorted(config_folder().glob("*.yaml"))}
-
-
-def config_path(source: str) -> Path:
-    """File of a --config value: a bare name means a shipped configuration, anything else a path."""
-    if "/" in source or "." in source:
-        return regular_file(source)
-    shipped = shipped_configs()
-    if source not in shipped:
-        guess = _guess(source, shipped) or f"use one of {', '.join(shipped)}, or a file such as ./{source}.yaml"
-        raise InputError(f"configuration {source!r} is not shipped; {guess}")
-    return shipped[source]
-
-
-def shipped_benches() -> dict[str, Path]:
-    """Ranges of benches that come with the software, by name."""
-    return {path.stem: path for path in sorted((config_folder() / "benches").glob("*.yaml"))}
-
-
-def bench_path(source: str) -> Path:
-    """File of a --bench value: a bare name means shipped ranges, anything else a path."""
-    if "/" in source or "." in source:
-        return regular_file(source)
-    shipped = shipped_benches()
-    if source not in shipped:
-        raise InputError(
-            f"bench {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
-        )
-    return shipped[source]
-
-
-def config_files(source: str | None) -> list[Path]:
-    """The file of a --config value, where it is one of the user's."""
-    return [] if source is None or source in shipped_configs() else [config_path(source)]
-
-
-# --------------------------------------------------------------------------- YAML
-
-
 class _Dumper(yaml.SafeDumper):
     """Lists on one line, everything else one key per line."""
 
@@ -292,111 +235,8 @@ _Dumper.add_representer(
 )
 
 
-def parsed_setting(setting: str) -> dict[str, Any]:
-    """A --set value as nested sections: ``a.b=1`` is ``{"a": {"b": 1}}``."""
-    key, equals, value = setting.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise InputError(
-            f"--set {shortened(setting)!r} is not KEY=VALUE; write for example --set scene.image_pixels=256"
-        )
-    return nested(parts, parsed_yaml(value, f"--set {shortened(setting)}"))
-
-
-# --------------------------------------------------------------------------- merging
-
-
-def nested(parts: Sequence[str], value: Any) -> dict[str, Any]:
-    """A value below sections of these names."""
-    for part in reversed(parts):
-        value = {part: value}
-    nested: dict[str, Any] = value
-    return nested
-
-
-def _training_camera() -> Strict:
-    from nets.training.config import CameraConfig  # brings torch
-
-    return CameraConfig()
-
-
-_MAY_BE_OFF: dict[str, Callable[[], Strict]] = {
-    "reliefs.variety": PrintVariety,
-    "reliefs.making": Making,
-    "data.bench": BenchRanges,
-    "training.bench": BenchRanges,
-    "training.camera": _training_camera,
-}
-"""Sections that null switches off; no other can be off, so null there is refused."""
-
-
-def merged(base: dict[str, Any], over: dict[str, Any], source: str, at: str = "") -> dict[str, Any]:
-    """Values of ``over`` in place of those of ``base``, section by section; other keys than base's are refused."""
-    if at == "reliefs." and over.get("pattern", base["pattern"]) != base["pattern"]:
-        base = _pattern_defaults(over["pattern"], source)
-    result = dict(base)
-    # Options belong to a method, which alone knows their names.
-    is_open = at.startswith("reconstruction.options.")
-    for key, value in over.items():
-        optional = _MAY_BE_OFF.get(f"{at}{key}") if key in base else None
-        if optional is not None and value is None:
-            result[key] = None
-            continue
-        if optional is not None and base[key] is None and isinstance(value, dict):
-            # A section that is off is switched on by any of its keys.
-            base = {**base, key: optional().model_dump(mode="json")}
-        if key not in base and not is_open:
-            guess = _guess(str(key), base) or f"known are {', '.join(base)}"
-            raise InputError(f"{source}{at}{shortened(str(key))}: unknown key; {guess}")
-        if not isinstance(base.get(key), dict):
-            if isinstance(value, dict) and not is_open:
-                raise InputError(f"{source}{at}{key} has no keys of its own; give its value")
-            result[key] = value
-        elif isinstance(value, dict):
-            result[key] = merged(base[key], value, source, f"{at}{key}.")
-        elif is_open:
-            result[key] = value
-        elif value is None:
-            raise InputError(_null_section(f"{at}{key}", base[key], source))
-        else:
-            raise InputError(f"{source}{at}{key} is a section; give keys below it, got {shortened(repr(value))}")
-    return result
-
-
-def refuse_null_sections(tree: Mapping[str, Any], base: Mapping[str, Any], source: str, at: str = "") -> None:
-    """Refuse null where ``base`` has a section that cannot be off; for trees that are changed before they are merged.
-
-    Raises:
-        InputError: such a section; what else may be wrong is left to :func:`merged`.
-    """
-    for key, value in tree.items():
-        section = base.get(key)
-        if not isinstance(section, dict) or f"{at}{key}" in _MAY_BE_OFF:
-            continue
-        if value is None:
-            raise InputError(_null_section(f"{at}{key}", section, source))
-        if isinstance(value, dict):
-            refuse_null_sections(value, section, source, f"{at}{key}.")
-
-
-def _null_section(name: str, section: Mapping[str, Any], source: str) -> str:
-    example = next(iter(section), None)
-    keys = "give {} for none" if example is None else f"give keys below it, as {name}.{example}"
-    return (
-        f"{source}{name} is null; of sections only {', '.join(_MAY_BE_OFF)} can be off: leave it out for its defaults, "
-        f"or {keys}"
-    )
-
-
-def _pattern_defaults(name: Any, source: str) -> dict[str, Any]:
-    """Another print pattern has other keys."""
-    if not isinstance(name, str) or name not in PATTERN_CONFIGS:
-        raise InputError(
-            f"{source}reliefs.pattern {shortened(repr(name))} is not known; {known_names(str(name), PATTERN_CONFIGS)}"
-        )
-    return PATTERN_CONFIGS[name]().model_dump(mode="json")
-
-
-def _guess(word: str, known: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else ""
+def dump_config(config: BaseModel) -> str:
+    """A whole configuration as YAML, in a fixed order; :func:`load_config` reads it back unchanged."""
+    tree = config.model_dump(mode="json")
+    text: str = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return text

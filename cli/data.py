@@ -65,7 +65,8 @@ def build(
 
     The same command continues an unfinished one.
     """
-    from cli.config import bench_path, dataset_config, load_config
+    from cli.config import dataset_config, load_config
+    from cli.shipped_files import bench_path
 
     if picture is not None:
         settings = ("reliefs.pattern=picture", *settings)

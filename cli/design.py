@@ -101,8 +101,9 @@ def design(
     lowest y, so it stands upright on a screen seen from below; see --mirror. Ctrl-C ends the search early; the best
     relief so far is still written.
     """
-    from cli.config import config_files, load_config
+    from cli.config import load_config
     from cli.output import ResultKind, check_target, result_folder
+    from cli.shipped_files import config_files
 
     console = Console(as_json)
     kind = ResultKind("design", DESIGN_FILES)

@@ -104,11 +104,12 @@ def inspect(
     Of several images, a folder or a pattern, each plate's result goes to OUTPUT/name-of-the-image, and
     OUTPUT/plates.csv has a row for each. The exit code is 0 if every plate is shown to be within tolerance, 7 if not.
     """
-    from cli.config import config_files, load_config
+    from cli.config import load_config
     from cli.inputs import image_list
     from cli.inspection.job import InspectionJob
     from cli.inspection.series import run_series, run_watch
     from cli.output import check_target
+    from cli.shipped_files import config_files
     from warp_caustics.capture.settings import capture_settings
     from warp_caustics.errors import InputError
     from warp_caustics.inspection.nominal import judged_part, read_nominal, with_lines

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.config import config_folder
+from cli.shipped_files import config_folder
 from warp_caustics.camera.config import CameraConfig, read_camera
 from warp_caustics.camera.files import photograph_files, write_photographs
 from warp_caustics.camera.operator import Camera

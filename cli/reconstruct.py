@@ -93,10 +93,11 @@ def reconstruct(
     """
     from cli.batch import run_batch
     from cli.bench_told import told_options
-    from cli.config import config_files, load_config
+    from cli.config import load_config
     from cli.inputs import image_list
     from cli.job import Job
     from cli.output import check_target
+    from cli.shipped_files import config_files
     from warp_caustics.capture.settings import capture_settings
 
     console = Console(as_json)

@@ -65,8 +65,9 @@ def simulate(
     """
     import numpy as np
 
-    from cli.config import config_files, load_config
+    from cli.config import load_config
     from cli.output import check_file
+    from cli.shipped_files import config_files
     from warp_caustics.errors import InputError
     from warp_caustics.io.images import write_image
     from warp_caustics.prints.relief_file import read_relief

@@ -152,8 +152,8 @@ def _start(device: str, devices: int) -> tuple[str, int]:
 
 def _check_inputs(output: str, config: "RunConfig", source: str | None) -> None:
     """Refuse files that are missing, or in the folder of the run, before an earlier run is deleted."""
-    from cli.config import config_files
     from cli.output import check_apart
+    from cli.shipped_files import config_files
     from warp_caustics.io.atomic import regular_file
 
     named = (config.initial_weights, config.training.denoiser_weights, config.training.unrolling.direct_weights)

@@ -4,15 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.config import (
-    Config,
-    TrainingWish,
-    config_path,
-    merged,
-    refuse_null_sections,
-    validated,
-    with_settings,
-)
+from cli.config import Config, TrainingWish, validated, with_settings
+from cli.config_sections import merged, refuse_null_sections
+from cli.shipped_files import config_path
 from cli.spelled import spelled_in
 from nets.training.config import RunConfig, TrainingKind, default_run
 from warp_caustics.determinism import make_deterministic

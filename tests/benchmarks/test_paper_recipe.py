@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from benchmarks.paper_recipe import BATCH, VARIANTS, Learner, Options, Pool, _restored, as_seen, run_of, table
+from benchmarks.paper_recipe import VARIANTS, Learner, _restored, as_seen, run_of, table
+from benchmarks.paper_samples import BATCH, Options, Pool
 from warp_caustics.errors import InputError
 
 OPTIONS = Options("cpu", 90_000, 8, 32, 4, False, 200_000)

@@ -6,8 +6,9 @@ import json
 import pytest
 import yaml
 
-from cli.config import Config, config_path, dataset_config, dump_config, load_config, shipped_configs
+from cli.config import Config, dataset_config, dump_config, load_config
 from cli.main import main
+from cli.shipped_files import config_path, shipped_configs
 from data_gen.config import RasterConfig, ReliefConfig, RingsConfig
 from nets.config import BEST_DENOISER, BEST_UPDATER
 from warp_caustics.errors import InputError

@@ -7,7 +7,8 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from cli.config import bench_path, dataset_config, load_config, shipped_benches
+from cli.config import dataset_config, load_config
+from cli.shipped_files import bench_path, shipped_benches
 from data_gen.bench_ranges import BenchRanges, CameraRanges, SensorRanges, SetUpRanges, bench_scene
 from data_gen.benches.bench_set import Benches
 from data_gen.benches.columns import bench_columns
