@@ -176,6 +176,24 @@ class Direct(Reconstructor):
             raise KeyboardInterrupt
         return as_glass(found.answers.mean(0).cpu().numpy(), self.scene)
 
+    @torch.no_grad()
+    def looked_again(self, resimulation: Resimulation, heights: FloatArray) -> tuple[torch.Tensor, torch.Tensor] | None:
+        """What a network says that looks at somebody else's answer.
+
+        Args:
+            resimulation: of an image on this bench.
+            heights: that answer [m], shape [n, n].
+
+        Returns:
+            Mean and standard deviation of its answers [m], shape [n, n]; None if no network can look again.
+        """
+        seeing = [each for each in self.asked if each.has_feedback]
+        if not seeing:
+            return None
+        look = seeing[-1].look(torch.as_tensor(heights), resimulation(heights).image)
+        answers = torch.cat(list(seeing[-1](resimulation.image, look)))
+        return answers.mean(0), answers.std(0, correction=0)
+
     def _resimulation(self, image: CausticImage) -> Resimulation:
         """At the exposure that a network needs."""
         resimulation, bench = Resimulation(self.simulator, image), self.asked[0].bench

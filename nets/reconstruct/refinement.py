@@ -77,6 +77,21 @@ class RefinementOptions(Strict):
 
 
 @dataclass(frozen=True)
+class SettledRelief:
+    """A relief that nothing more is done to.
+
+    Attributes:
+        heights: refined or as it was [m], shape [n, n].
+        found_at: pixels per side that had a say in it, which divide the image's; None for all.
+        outcome: what became of its refinement.
+    """
+
+    heights: FloatArray
+    found_at: int | None
+    outcome: str
+
+
+@dataclass(frozen=True)
 class Refined:
     """What a refinement gave.
 

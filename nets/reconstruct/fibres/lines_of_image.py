@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -25,21 +24,17 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
-from nets.reconstruct.refinement import Refinement, outcome
+from nets.reconstruct.refinement import Refinement, SettledRelief, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
-from warp_caustics.reconstruct.base import (
-    CausticImage,
-    ProgressCallback,
-    Reconstruction,
-    StopReason,
-)
+from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, StopReason
 from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
@@ -48,10 +43,6 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-TAKEN_SHARE = 0.6
-"""Lines are taken where they leave less than this share of what the network's relief leaves before it is refined, or
-nothing but noise: those that leave more are not the plate's, and bend with the bench to what they cannot explain. Where
-they leave more than noise, ``direct`` must leave more when both are refined."""
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
@@ -88,6 +79,7 @@ class LinesOfImage:
         self.exposure = np.asarray(answer.counters["exposure"], np.float64)
         self.camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
         # Lines are looked for in channels that lie together, and with the camera's blur in the model.
+        self.first_shape, self.most_lines = self.model.shape, method.options.most_lines
         self.told = LinesView(
             Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
         )
@@ -122,32 +114,27 @@ class LinesOfImage:
 
     def fit(self) -> None:
         """Lines, and the bench that they tell where they do not explain the image on the one that was told."""
-        method, answer = self.method, self.answer
         here = "network again" if self.is_elsewhere else "network"
         self.timings[here] = self.log.elapsed_s - sum(self.timings.values())
         try:
-            self._fit()
+            self.fit_to(self._answered())
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and not self.is_in_vain:
-                if self._is_near() and self.method.options.losses is not False:
-                    self._fit_with_losses()
-                if self._is_near() and not self.method.takes_bench_as_told:
-                    self._fit_with_gap()
-                if self._asks_bench():
-                    self._fit_with_bench()
+                self._fit_with_all()
+                looks = self.method.options.looks_on(self.method.device.type) if self.view is self.told else 0
+                if look_again(self, self.method.network, looks) and self._is_near():
+                    self._fit_with_all()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
         last = "bench of lines" if "fibres" in self.timings else "fibres"
         self.seconds = self.log.elapsed_s
         self.timings[last] = self.seconds - sum(self.timings.values())
         self.counters |= {"fibres": len(self.lines), "explained_by": "network"}
-        if method.finds_section:
+        if self.method.finds_section:
             self.counters["section"] = self.model.shape._asdict()
         if not len(self.lines):
             return
-        found = self.view.relief(self.lines)
-        residual = self.view.resimulation(found).residual
-        of_network = self.view.resimulation(answer.heights_m).residual
+        found, residual, of_network = self.left()
         self.counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
         self.is_noise_left = residual < of_network and is_explained(self.view.discrepancy(found))
         self.takes_lines = self.is_noise_left or residual < TAKEN_SHARE * of_network
@@ -162,6 +149,15 @@ class LinesOfImage:
             return self.measured, told
         return seen_on(self.measured, self.numbers, self.bench, self.exposure), self.view.resimulation.simulator
 
+    def _fit_with_all(self) -> None:
+        """Lines with whatever else they may tell."""
+        if self._is_near() and self.method.options.losses is not False:
+            self._fit_with_losses()
+        if self._is_near() and not self.method.takes_bench_as_told:
+            self._fit_with_gap()
+        if self._asks_bench():
+            self._fit_with_bench()
+
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""
         if self.is_elsewhere:
@@ -169,7 +165,7 @@ class LinesOfImage:
         return self.method.finds_bench and not self.view.is_explained(self.lines)
 
     def _is_near(self) -> bool:
-        """Whether lines are near enough that losses of light show, and a wrong gap, which costs little of the image."""
+        """Whether losses of light show, and a wrong gap, which costs little of the image."""
         return self.view.is_near(self.lines)
 
     def result(self) -> Reconstruction:
@@ -231,14 +227,24 @@ class LinesOfImage:
             return result
         return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
 
-    def _fit(self) -> None:
-        """Lines on the bench that was told, or found without them."""
+    def left(self) -> tuple[FloatArray, float, float]:
+        """Relief of the lines, and what it and the network's leave of the image."""
+        found, left = self.view.relief(self.lines), self.view.resimulation
+        return found, left(found).residual, left(self.answer.heights_m).residual
+
+    def _answered(self) -> Answer:
+        """What the network said first."""
         heights = torch.as_tensor(self.answer.heights_m)
-        spread = torch.zeros_like(heights)
-        if self.answer.uncertainty_m is not None:
-            spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
+        if self.answer.uncertainty_m is None:
+            return Answer(heights, torch.zeros_like(heights), self.most_lines)
+        spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
+        return Answer(heights, spread, self.most_lines)
+
+    def fit_to(self, answer: Answer) -> None:
+        """Lines on the bench that was told, or found without them, from what a network says."""
         options, told = self.method.options, self.model.shape
         most = options.most_lines if options.left_alone is None else min(options.most_lines, options.left_alone)
+        heights, spread = answer.relief_m.cpu(), answer.spread_m.cpu()
         start = starting_lines(self.model, heights, spread, most, finds_section=self.method.finds_section)
         self.counters["lines_of_relief"] = len(start)
         if options.left_alone is not None and len(start) >= options.left_alone:
@@ -246,16 +252,13 @@ class LinesOfImage:
             return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
-        self._search(self.view, start, options.jumps, is_first=True)
+        self._search(self.view, start, options.jumps, answer)
 
-    def _search(self, view: LinesView, start: torch.Tensor, jumps: int, *, is_first: bool = False) -> None:
+    def _search(self, view: LinesView, start: torch.Tensor, jumps: int, first: Answer | None = None) -> None:
+        """Lines searched for from others; ``first`` is what they are from, if nothing was searched for before."""
         method, device = self.method, self.method.device
-        answer = self.answer
-        spread = np.zeros_like(answer.heights_m) if answer.uncertainty_m is None else answer.uncertainty_m
-        relief_m, spread_m = (
-            torch.as_tensor(each).to(device, torch.float32)
-            for each in (answer.heights_m, spread / DIRECT_CALIBRATION.scale)
-        )
+        answer = first or self._answered()
+        relief_m, spread_m = (each.to(device, torch.float32) for each in (answer.relief_m, answer.spread_m))
         search = LineSearch(
             view.scene,
             view.image,
@@ -263,9 +266,9 @@ class LinesOfImage:
             method.options.pixels_on(device.type, method.scene),
             jumps=jumps,
             iterations=self.iterations,
-            finds_section=method.finds_section and is_first,
+            finds_section=method.finds_section and first is not None,
             moves_section=self.moves_section,
-            answer=Answer(relief_m, spread_m, method.options.most_lines),
+            answer=Answer(relief_m, spread_m, answer.most),
             view=view,
             report=self._note,
             blur_px=view.blur_px,
@@ -274,7 +277,7 @@ class LinesOfImage:
             search.run(start)
         finally:
             self.lines = search.lines if len(search.lines) else start
-            self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
+            self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and first is not None
 
     def _losses_shown(self) -> Scene:
         """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
@@ -369,11 +372,11 @@ class LinesOfImage:
     def _note(self, loss: float) -> None:
         self.log.note("fibres", None, objective=loss)
 
-    def _refined(self, view: LinesView, heights: FloatArray) -> "_Refined":
+    def _refined(self, view: LinesView, heights: FloatArray) -> SettledRelief:
         """A relief after the steps that ``direct`` ends with."""
         resimulation = view.resimulation
         if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
-            return _Refined(heights, None, "interrupted")
+            return SettledRelief(heights, None, "interrupted")
         spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
         elapsed = self.log.elapsed_s
         before = len(self.log.history) + self.refined
@@ -388,13 +391,4 @@ class LinesOfImage:
         elif found.reason in ("interrupted", "max_time"):
             self.reason = found.reason
         better = heights if found is None else found.heights
-        return _Refined(better, None if found is None else found.found_at, outcome(found))
-
-
-@dataclass(frozen=True)
-class _Refined:
-    """A refined relief [m], shape [n, n], pixels per side that had a say in it, and what became of the refinement."""
-
-    heights: FloatArray
-    found_at: int | None
-    outcome: str
+        return SettledRelief(better, None if found is None else found.found_at, outcome(found))

@@ -7,6 +7,8 @@ from pydantic import Field
 from nets.reconstruct.direct_options import DirectOptions
 from warp_caustics.prints.line import Section
 
+DEFAULT_LOOKS = {"cpu": 0, "cuda": 2}
+
 
 class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
@@ -22,6 +24,13 @@ class FibresOptions(DirectOptions):
     explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
+    looks: Annotated[int, Field(ge=0, le=10)] | None = None
+    """How often a network looks at lines that leave part of the image unexplained, and lines are searched for anew from
+    what it says; each takes as long as the first search. None: twice on a GPU, never on a CPU."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
     """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""
+
+    def looks_on(self, device_type: str) -> int:
+        """``looks``, or how many there are on a device."""
+        return DEFAULT_LOOKS[device_type] if self.looks is None else self.looks

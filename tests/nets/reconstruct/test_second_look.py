@@ -1,0 +1,134 @@
+"""A network looks at lines that leave part of an image unexplained, and lines are searched for anew."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+import nets.reconstruct.network_answers as answers_module
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.fibres.options import FibresOptions
+from nets.reconstruct.methods import create
+from tests.nets.reconstruct.three_lines import LINES, SCENE, N, noisy_image
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.result import Resimulated
+
+
+@pytest.fixture(scope="module")
+def model():
+    return LineModel(SCENE)
+
+
+@pytest.fixture(scope="module")
+def image(model):
+    return noisy_image(model)
+
+
+def relief(model, lines, noise_m, seed=1):
+    heights = model.heights(lines).double().numpy()
+    return heights + noise_m * np.random.default_rng(seed).standard_normal(heights.shape)
+
+
+@pytest.fixture
+def method(monkeypatch, saved, model):
+    """``fibres`` whose network misses a line at first and takes the others for higher; looking again it says what it is
+    told."""
+
+    def make(said, **options):
+        first = torch.as_tensor(1.6 * relief(model, LINES[:2], 1e-5), dtype=torch.float32)
+        monkeypatch.setattr(
+            answers_module, "Replayed", lambda _: lambda images: first.expand(len(images), N, N).clone()
+        )
+        shown = []
+
+        def looked_again(self, resimulation, heights):
+            shown.append(heights)
+            return None if said is None else (torch.as_tensor(said), torch.full((N, N), 1e-6))
+
+        monkeypatch.setattr(Direct, "looked_again", looked_again)
+        weights = saved("direct", scene=SCENE)
+        options = {"refine": False, "set_up": "known", "jumps": 0, "refine_pixels": 2 * N, "looks": 2} | options
+        return create("fibres", SCENE, weights=weights, symmetries=False, **options), shown
+
+    return make
+
+
+def error_um(result, model):
+    return 1e6 * float(np.sqrt(np.mean((result.heights_m - model.heights(LINES).double().numpy()) ** 2)))
+
+
+def test_a_line_that_was_missed_is_found_at_the_second_look(model, image, method):
+    """The network is shown the lines that were found, of which one is missing; once is enough."""
+    fibres, shown = method(relief(model, LINES, 1e-5))
+    result = fibres.reconstruct(image)
+    assert len(shown) == 1 and result.counters["looks"] == 1
+    assert result.counters["fibres"] == 3 and error_um(result, model) < 1.0
+    left_out = model.heights(LINES).numpy() - model.heights(LINES[:2]).numpy()
+    assert np.abs(shown[0][left_out > 1e-4]).mean() < np.abs(model.heights(LINES).numpy()[left_out > 1e-4]).mean() / 2
+
+
+@pytest.mark.parametrize("said", ["worse", "nothing"])
+def test_what_explains_less_is_not_taken(model, image, method, said):
+    """A network that says worse, or cannot look again, changes nothing; nobody asks where nobody wants to."""
+    fibres, shown = method(relief(model, LINES[:1], 1e-5) if said == "worse" else None)
+    result = fibres.reconstruct(image)
+    assert len(shown) == 1 and "looks" not in result.counters
+    plain, not_shown = method(None, looks=0)
+    expected = plain.reconstruct(image)
+    np.testing.assert_allclose(result.heights_m, expected.heights_m, atol=1e-12)
+    assert not not_shown and result.counters["section"] == expected.counters["section"]
+
+
+def test_lines_that_explain_the_image_are_not_looked_at(model, image, method, monkeypatch):
+    fibres, shown = method(None)
+    whole = torch.as_tensor(relief(model, LINES, 1e-5), dtype=torch.float32)
+    monkeypatch.setattr(answers_module, "Replayed", lambda _: lambda images: whole.expand(len(images), N, N).clone())
+    fibres.network.asked[0].replayed = answers_module.Replayed(None)
+    assert fibres.reconstruct(image).counters["fibres"] == 3 and not shown
+
+
+def test_an_interrupted_look_keeps_the_lines_of_before(model, image, method, monkeypatch):
+    def stopped(self, resimulation, heights):
+        raise KeyboardInterrupt
+
+    fibres, _ = method(None)
+    monkeypatch.setattr(Direct, "looked_again", stopped)
+    result = fibres.reconstruct(image)
+    plain, _ = method(None, looks=0)
+    assert result.stop_reason == "interrupted"
+    np.testing.assert_allclose(result.heights_m, plain.reconstruct(image).heights_m, atol=1e-12)
+
+
+def test_looks_by_device():
+    assert [FibresOptions().looks_on(device) for device in ("cpu", "cuda")] == [0, 2]
+    assert FibresOptions(looks=3).looks_on("cpu") == 3
+
+
+def test_the_last_network_with_feedback_is_shown_the_lines_and_their_caustic():
+    """Mean and spread of its answers."""
+    heights, caustic, image = np.full((4, 4), 1e-3), torch.ones(1, 8, 8), SimpleNamespace()
+
+    class Looks:
+        has_feedback = True
+
+        def look(self, relief_m, seen):
+            assert torch.equal(relief_m, torch.as_tensor(heights)) and seen is caustic
+            return "look"
+
+        def __call__(self, given, look):
+            assert given is image and look == "look"
+            yield torch.full((2, 4, 4), 1.0)
+            yield torch.full((2, 4, 4), 3.0)
+
+    class Resimulation:
+        def __init__(self):
+            self.image = image
+
+        def __call__(self, relief_m):
+            return Resimulated(caustic, 0.5)
+
+    without = SimpleNamespace(has_feedback=False)
+    mean, spread = Direct.looked_again(SimpleNamespace(asked=[without, Looks()]), Resimulation(), heights)
+    assert torch.equal(mean, torch.full((4, 4), 2.0)) and torch.equal(spread, torch.ones(4, 4))
+    assert Direct.looked_again(SimpleNamespace(asked=[without]), Resimulation(), heights) is None
