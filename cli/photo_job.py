@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.shipped_files import config_folder
+from cli.shipped_files import shipped_cameras, shipped_file
 from warp_caustics.camera.config import CameraConfig, read_camera
 from warp_caustics.camera.files import photograph_files, write_photographs
 from warp_caustics.camera.operator import Camera
 from warp_caustics.camera.photographs import photographs
-from warp_caustics.errors import InputError, known_names
+from warp_caustics.errors import InputError
 
 if TYPE_CHECKING:
     import torch
@@ -24,25 +24,13 @@ SATURATED = 0.01
 """Share of saturated pixels that is worth a warning; ``nsfc capture`` warns from there on, too."""
 
 
-def shipped_cameras() -> dict[str, Path]:
-    """Cameras that come with the software, by name."""
-    return {path.stem: path for path in sorted((config_folder() / "cameras").glob("*.yaml"))}
-
-
 def camera_config(source: str) -> CameraConfig:
     """Camera of a --camera value: a bare name means a shipped one, anything else a file.
 
     Raises:
         InputError: neither, or a camera that is none.
     """
-    if "/" in source or "." in source:
-        return read_camera(source)
-    shipped = shipped_cameras()
-    if source not in shipped:
-        raise InputError(
-            f"camera {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
-        )
-    return read_camera(shipped[source])
+    return read_camera(shipped_file(source, shipped_cameras(), "camera") or source)
 
 
 def camera_source(source: str, bench: str | None) -> str | CameraConfig:

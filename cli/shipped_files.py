@@ -1,5 +1,6 @@
-"""Configurations and ranges of benches that come with the software, by name."""
+"""Configurations, ranges of benches and cameras that come with the software, by name."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from cli.config_sections import guess
@@ -37,12 +38,25 @@ def shipped_benches() -> dict[str, Path]:
 
 def bench_path(source: str) -> Path:
     """File of a --bench value: a bare name means shipped ranges, anything else a path."""
+    return shipped_file(source, shipped_benches(), "bench") or regular_file(source)
+
+
+def shipped_cameras() -> dict[str, Path]:
+    """Cameras that come with the software, by name."""
+    return {path.stem: path for path in sorted((config_folder() / "cameras").glob("*.yaml"))}
+
+
+def shipped_file(source: str, shipped: Mapping[str, Path], kind: str) -> Path | None:
+    """The shipped file of a bare name; None of what is a path.
+
+    Raises:
+        InputError: a name that is not shipped.
+    """
     if "/" in source or "." in source:
-        return regular_file(source)
-    shipped = shipped_benches()
+        return None
     if source not in shipped:
         raise InputError(
-            f"bench {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
+            f"{kind} {source!r} is not shipped; {known_names(source, shipped)}, or give a file such as ./{source}.yaml"
         )
     return shipped[source]
 

@@ -314,11 +314,11 @@ class Engine:
         """Irradiance [B, n_w, m, m] [W/m^2] of heights [B, n, n] [m].
 
         Args:
-            heights: possible ones. On a GPU they may be no numbers, or lower than the plate is thick, where the
-                extremes tell; of such comes an image that means nothing.
-            extremes: told the heights' on a GPU, before the simulation begins.
+            heights: possible ones. Where extremes tell, they may be no numbers, or lower than the plate is thick; of
+                such comes an image that means nothing.
+            extremes: on a GPU, asked for the heights' before the simulation begins; always the same ones.
         """
-        if extremes is None or self.device.type != "cuda":
+        if extremes is None:
             return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
         if self._is_small(heights):
             return self._replays("guarded", self._guarded_image, heights, before=(extremes.begin, extremes.mark))

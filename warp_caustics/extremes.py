@@ -6,18 +6,17 @@ import torch
 class Extremes:
     """Lowest and highest of some heights, which a GPU finds and copies to the host while this one goes on.
 
+    One asks at a time.
+
     Args:
-        device: of the heights.
-        dtype: likewise.
+        device: a GPU, which has the heights.
+        dtype: of these.
     """
 
     def __init__(self, device: torch.device, dtype: torch.dtype):
-        self._device, self._is_there = device, None
-        if device.type == "cuda":
-            # Made once: memory that a GPU can write to takes the host longer than a simulation.
-            self._pair, self._is_there = torch.zeros(2, dtype=dtype, pin_memory=True), torch.cuda.Event()
-        else:
-            self._pair = torch.zeros(2, dtype=dtype)
+        # Made once: memory that a GPU can write to takes the host longer than a simulation.
+        self._pair = torch.zeros(2, dtype=dtype, pin_memory=True)
+        self._device, self._is_there = device, torch.cuda.Event()
 
     def find(self, heights: torch.Tensor) -> None:
         """Ask for those of heights of any shape; one that is not a number is both the lowest and the highest."""
@@ -30,12 +29,10 @@ class Extremes:
 
     def mark(self) -> None:
         """Remember that those asked for are there when the GPU has come so far."""
-        if self._is_there is not None:
-            self._is_there.record(torch.cuda.current_stream(self._device))
+        self._is_there.record(torch.cuda.current_stream(self._device))
 
     def read(self) -> tuple[float, float]:
         """Both, as soon as they are there."""
-        if self._is_there is not None:
-            self._is_there.synchronize()
+        self._is_there.synchronize()
         lowest, highest = self._pair.tolist()
         return lowest, highest

@@ -22,9 +22,10 @@ WIDE_SIGMA_PX = 0.8
 
 WIDE_LANES = 8
 """Threads that share the columns of a wide footprint; neighbours then write to neighbouring pixels. The adjoint
-only reads, and does better with fewer: two, where not one for each wavelength."""
+only reads, and does better with fewer (:data:`WIDE_ADJOINT_LANES`)."""
 
 WIDE_ADJOINT_LANES = 2
+"""Of a wide footprint in the adjoint, where there is no thread for each wavelength."""
 
 DEFERRED_LANES = 32
 """Threads per footprint on the list of deferred ones."""

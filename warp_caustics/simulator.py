@@ -29,7 +29,7 @@ class _Simulate(torch.autograd.Function):
     """Engine.image with Engine.image_adjoint; stores nothing but the heights."""
 
     @staticmethod
-    def forward(ctx: Any, heights: torch.Tensor, engine: Engine, extremes: Extremes) -> torch.Tensor:
+    def forward(ctx: Any, heights: torch.Tensor, engine: Engine, extremes: Extremes | None) -> torch.Tensor:
         ctx.save_for_backward(heights)
         ctx.engine = engine
         return engine.image(heights.detach().contiguous(), extremes)
@@ -95,7 +95,7 @@ class CausticSimulator:
         placement = placement or defaults.placement
         self.plan = PhotonPlan(scene, placement, wished, self.seed, role)
         self.engine = Engine(scene, self.plan, self.smoothing, self.profile, self.device, dtype)
-        self._extremes = Extremes(self.device, dtype)
+        self._extremes = Extremes(self.device, dtype) if self.device.type == "cuda" else None
 
     @property
     def n_photons(self) -> int:
@@ -118,11 +118,10 @@ class CausticSimulator:
             ResourceError: the GPU's memory is too small; says which batch would fit.
         """
         batch = self._shaped(heights)
-        # A GPU simulates while the host learns what the heights are.
         extremes = self._extremes
-        if self.device.type == "cpu":
-            extremes.find(batch)
-            self._check_heights(heights)
+        if extremes is None:
+            lowest, highest = torch.stack(torch.aminmax(heights.detach())).tolist()
+            self._check_heights(heights, lowest, highest)
         try:
             if torch.is_grad_enabled() and batch.requires_grad:
                 image: torch.Tensor = _Simulate.apply(batch, self.engine, extremes)  # type: ignore[no-untyped-call]
@@ -130,8 +129,9 @@ class CausticSimulator:
                 image = self.engine.image(batch.detach().contiguous(), extremes)
         except torch.OutOfMemoryError as error:
             raise ResourceError(self._memory_advice(len(batch))) from error
-        if self.device.type == "cuda":
-            self._check_heights(heights)
+        if extremes is not None:
+            # A GPU simulates while the host learns what the heights are.
+            self._check_heights(heights, *extremes.read())
         return image if heights.ndim == 3 else image[0]
 
     def reseed(self, seed: int, role: str = "") -> None:
@@ -185,9 +185,8 @@ class CausticSimulator:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
         return heights if heights.ndim == 3 else heights[None]
 
-    def _check_heights(self, heights: torch.Tensor) -> None:
-        """Refuse heights that cannot be simulated, whose extremes were asked for."""
-        lowest, highest = self._extremes.read()
+    def _check_heights(self, heights: torch.Tensor, lowest: float, highest: float) -> None:
+        """Refuse heights that cannot be simulated; of those that are not all numbers the extremes are none."""
         if not (math.isfinite(lowest) and math.isfinite(highest)):
             where = (~torch.isfinite(heights)).nonzero()[0].tolist()
             raise InputError(f"height {heights[tuple(where)].item()} at index {where} is not finite; repair or mask it")

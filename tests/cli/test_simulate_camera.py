@@ -10,7 +10,8 @@ import torch
 import yaml
 
 from cli.main import main
-from cli.photo_job import camera_config, shipped_cameras
+from cli.photo_job import camera_config
+from cli.shipped_files import shipped_cameras
 from warp_caustics import CameraConfig, Scene
 from warp_caustics.camera.operator import Camera
 from warp_caustics.io.images import read_image

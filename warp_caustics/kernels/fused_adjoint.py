@@ -2,8 +2,8 @@
 
 Every photon repeats its forward pass, takes the moments of the image gradient under its footprints, and goes
 back through covariance, Jacobian and refraction. It reads the image and writes its own six numbers: no atomics, and the
-same result every time, unless several threads share a footprint. Then threads add to one number, in any order; with
-``in_order`` they are two, whose order does not matter, or those of a warp, which are added in a fixed one.
+same result every time, unless several threads share a photon or a footprint. Then threads add to one number, in any
+order; with ``in_order`` they are two, whose order does not matter, or those of a warp, which are added in a fixed one.
 
 Always wavelength by wavelength, on images [B, C, H, W]: it only reads, and is slower with all at once (speed.md).
 """
