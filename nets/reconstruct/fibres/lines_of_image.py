@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
@@ -23,21 +24,22 @@ from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.refined_lines import refined
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
-from nets.reconstruct.refinement import Refinement, SettledRelief, outcome
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, ProgressCallback, Reconstruction, StopReason
 from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.result import Resimulation
-from warp_caustics.reconstruct.run_log import RunLog, following, why_stopped
+from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -79,7 +81,7 @@ class LinesOfImage:
         self.exposure = np.asarray(answer.counters["exposure"], np.float64)
         self.camera = ChannelCamera.of_record(answer.counters["camera"], method.scene.image_pixels)
         # Lines are looked for in channels that lie together, and with the camera's blur in the model.
-        self.first_shape, self.most_lines = self.model.shape, method.options.most_lines
+        self.most_lines = method.options.most_lines
         self.told = LinesView(
             Resimulation(method.network.simulator, image, self.exposure).through(self.camera), self.model
         )
@@ -98,8 +100,8 @@ class LinesOfImage:
         total = (method.options.jumps + 2) * self.iterations
         self.log = RunLog(total, progress, method.options.max_time_s, started=started, history=list(answer.history))
         self.reason: StopReason = "converged"
-        self.refined = 0
-        """Steps of refinements, which are not in the history."""
+        self.refined_steps = 0
+        """Of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.covariance: FloatArray | None = None
         """Of lines and bench, where both were found."""
@@ -121,8 +123,8 @@ class LinesOfImage:
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and not self.is_in_vain:
                 self._fit_with_all()
-                looks = self.method.options.looks_on(self.method.device.type) if self.view is self.told else 0
-                if look_again(self, self.method.network, looks) and self._is_near():
+                looks = self.method.options.looks_on(self.method.device.type)
+                if look_again(self, looks) and self._is_near():
                     self._fit_with_all()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
@@ -177,8 +179,8 @@ class LinesOfImage:
             view, fibres = self.view, self.lines.numpy()
             heights, counters["explained_by"] = view.relief(self.lines), "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
-            refined = self._refined(view, heights)
-            heights, counters["refinement"], found_at = refined.heights, refined.outcome, refined.found_at
+            settled = refined(self, view, heights)
+            heights, counters["refinement"], found_at = settled.heights, settled.outcome, settled.found_at
             timings["refinement"] = self.log.elapsed_s - sum(timings.values())
         counters["camera"] = view.resimulation.camera.record
         counters["discrepancy"] = left = view.discrepancy(heights)
@@ -227,6 +229,19 @@ class LinesOfImage:
             return result
         return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
 
+    def descended(self, heights: FloatArray) -> FloatArray:
+        """Heights [m] after a descent that trusts the image everywhere."""
+        return refined(self, self.view, heights, is_trusted=True).heights
+
+    def network_here(self) -> Direct | None:
+        """The network on the bench of the view; None beyond its family."""
+        if self.view is self.told:
+            return self.method.network
+        try:
+            return self.method.network.on_bench(self.view.scene)
+        except MismatchError:
+            return None
+
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
         found, left = self.view.relief(self.lines), self.view.resimulation
@@ -252,12 +267,23 @@ class LinesOfImage:
             return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
-        self._search(self.view, start, options.jumps, answer)
+        self.search(start, options.jumps, answer, is_first=True)
 
-    def _search(self, view: LinesView, start: torch.Tensor, jumps: int, first: Answer | None = None) -> None:
-        """Lines searched for from others; ``first`` is what they are from, if nothing was searched for before."""
-        method, device = self.method, self.method.device
-        answer = first or self._answered()
+    def search(
+        self,
+        start: torch.Tensor,
+        jumps: int,
+        answer: Answer | None = None,
+        others: torch.Tensor | None = None,
+        *,
+        is_first: bool = False,
+    ) -> None:
+        """Lines searched for from others, which tell an answer or are from it; where nothing was before, its section.
+
+        ``others`` of another search may be better in places.
+        """
+        method, device, view = self.method, self.method.device, self.view
+        answer = answer or self._answered()
         relief_m, spread_m = (each.to(device, torch.float32) for each in (answer.relief_m, answer.spread_m))
         search = LineSearch(
             view.scene,
@@ -266,9 +292,10 @@ class LinesOfImage:
             method.options.pixels_on(device.type, method.scene),
             jumps=jumps,
             iterations=self.iterations,
-            finds_section=method.finds_section and first is not None,
+            finds_section=method.finds_section and is_first,
             moves_section=self.moves_section,
             answer=Answer(relief_m, spread_m, answer.most),
+            others=others,
             view=view,
             report=self._note,
             blur_px=view.blur_px,
@@ -277,7 +304,7 @@ class LinesOfImage:
             search.run(start)
         finally:
             self.lines = search.lines if len(search.lines) else start
-            self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and first is not None
+            self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
 
     def _losses_shown(self) -> Scene:
         """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
@@ -313,7 +340,7 @@ class LinesOfImage:
             self.lines, self.bench = together.on(*found)
             self.view = self._on(self.bench)
             if not self.view.is_explained(self.lines):
-                self._search(self.view, self.lines, 1)
+                self.search(self.lines, 1)
         except KeyboardInterrupt:
             self.lines, self.view, self.bench, self.model.shape = kept
             raise
@@ -335,7 +362,7 @@ class LinesOfImage:
                 self.lines, self.bench = together(self.lines, self.bench)
                 self.view = self._on(self.bench)
                 if not self.view.is_explained(self.lines):
-                    self._search(self.view, self.lines, 1)
+                    self.search(self.lines, 1)
             except KeyboardInterrupt:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 raise
@@ -371,24 +398,3 @@ class LinesOfImage:
 
     def _note(self, loss: float) -> None:
         self.log.note("fibres", None, objective=loss)
-
-    def _refined(self, view: LinesView, heights: FloatArray) -> SettledRelief:
-        """A relief after the steps that ``direct`` ends with."""
-        resimulation = view.resimulation
-        if self.reason == "interrupted":  # whoever interrupts one refinement does not want another
-            return SettledRelief(heights, None, "interrupted")
-        spread = None if self.answer.uncertainty_m is None else self.answer.uncertainty_m / DIRECT_CALIBRATION.scale
-        elapsed = self.log.elapsed_s
-        before = len(self.log.history) + self.refined
-        progress = following(self.log.progress, before, self.log.started, "refinement, ")
-        refinement = self.method.refinement
-        if view is not self.told:
-            refinement = Refinement(view.scene, refinement.options, self.method.device, refinement.scale)
-        found = refinement(resimulation, heights, elapsed, progress, spread)
-        self.refined += 0 if found is None else len(found.history)
-        if found is None:
-            self.reason = "max_time"
-        elif found.reason in ("interrupted", "max_time"):
-            self.reason = found.reason
-        better = heights if found is None else found.heights
-        return SettledRelief(better, None if found is None else found.found_at, outcome(found))

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from nets.reconstruct.fibres.image_ends import with_moved_ends
+from nets.reconstruct.fibres.image_exchange import exchanged
 from nets.reconstruct.fibres.image_fit import (
     FINE_PHOTONS_PER_PIXEL,
     METRIC_PHOTONS_PER_PIXEL,
@@ -15,6 +17,7 @@ from nets.reconstruct.fibres.image_fit import (
     of_wavelength,
 )
 from nets.reconstruct.fibres.image_growth import grown, pruned
+from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.section import with_section_found
@@ -68,6 +71,7 @@ class LineSearch:
         finds_section: the model's section and overlap are looked for first.
         moves_section: descents move the section; they do where another was found.
         answer: of the network, which tells where lines may be missing; None leaves their number.
+        others: lines of another search [m], shape [M, 6], that may be better in places.
         view: the image and its bench; where lines leave more than noise of it, the search goes on with more pixels.
             None ends it.
         report: called after each evaluation with its loss; may raise.
@@ -86,11 +90,13 @@ class LineSearch:
         finds_section: bool = False,
         moves_section: bool = False,
         answer: Answer | None = None,
+        others: torch.Tensor | None = None,
         view: LinesView | None = None,
         report: Callable[[float], None] | None = None,
         blur_px: FloatArray | None = None,
     ):
         self.jumps, self.iterations, self.answer, self.view = jumps, iterations, answer, view
+        self.others = others
         self.finds_section, self.moves_section = finds_section, moves_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
@@ -138,6 +144,8 @@ class LineSearch:
         if self.finds_section:
             start, self.moves_section = with_section_found(self.coarse, start, moves=self.moves_section)
         # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
+        if self.others is not None and len(self.others):
+            start = exchanged(self.coarse, start, self.others).lines
         if self.jumps:
             coarse, _ = self._searched(self.coarse, start)
             self.is_in_vain = self.answer is not None and coarse.loss > self.coarse.loss(self.answer.relief_m)
@@ -149,6 +157,7 @@ class LineSearch:
             self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines
         for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):
             if self._is_solved():
+                self._join()
                 return self.lines
             _, has_gained = self._searched(self.fine, self.lines, rounds=1)
             if not has_gained:
@@ -163,6 +172,15 @@ class LineSearch:
             return False
         self._finish()
         return self.view.is_explained(self.lines)
+
+    def _join(self) -> None:
+        """Take pieces for one line where the image does not mind: what lies between them shows too little to tell."""
+        if self.answer is None or not gaps_between(self.lines):
+            return
+        found = with_joins(self.fine, self.lines)
+        if len(found.lines) < len(self.lines):
+            self.lines = found.lines
+            self._finish()
 
     def _finish(self) -> None:
         if self.last is not None:
@@ -181,6 +199,8 @@ class LineSearch:
             before = best.loss
             if self.answer is not None:
                 best = pruned(fit, best.lines)
+                if fit is self.fine:
+                    best = with_moved_ends(fit, with_joins(fit, best.lines).lines)
                 best = grown(fit, best.lines, self.answer.relief_m, self.answer.spread_m, self.answer.most)
                 self.lines = best.lines
             most = JUMPING_LINES_FIRST if number == 0 and rounds is None else JUMPING_LINES_LATER

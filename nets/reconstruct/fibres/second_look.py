@@ -1,9 +1,11 @@
-"""Lines that leave part of an image unexplained, looked at by the network again.
+"""Lines that leave part of an image unexplained, looked at again.
 
 Where many lines lie on top of each other a network misses some and takes some for others. The lines that were found
-are right in most places; told what they show, a network with feedback sees more in the rest.
+are right in most places. What they leave of the image tells more: a descent of heights begins to grow what no line is
+there for, and a network with feedback, told what the lines show, sees more in the rest.
 """
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import torch
@@ -11,7 +13,9 @@ import torch
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import Answer
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.vectorise import lines_of_relief
+from warp_caustics.reconstruct.base import StopReason
 from warp_caustics.types import FloatArray
 
 TAKEN_SHARE = 0.6
@@ -21,9 +25,13 @@ they leave more than noise, ``direct`` must leave more when both are refined."""
 LOOKED_AT_SHARE = 0.8
 """The same for lines to be looked at again; two plates whose lines left 0.63 and 0.64 came down to 0.16 and 0.54."""
 LOOK_FACTOR = 0.99
-"""What is left of the image must fall by this factor for lines to be taken that were found after another look: on five
-plates of six with 24 to 30 lines that explained nothing it fell by 8 to 75 %, and errors fell with it; on the other,
-lines were 9 um wrong instead of 6, and left 1.1 times as much."""
+"""What is left of the image must fall by this factor for other lines to be taken: on five plates of six with 24 to 30
+lines that explained nothing it fell by 8 to 75 %, and errors fell with it; on the other, lines were 9 um wrong instead
+of 6, and left 1.1 times as much."""
+HEIGHTS_SPREAD_M = 2e-5
+"""Spread of heights that a descent from lines gives [m]: what it adds is mostly right in place, less so in height."""
+JUMPS = 2
+"""Rounds of growth and jumps in each search, at most."""
 
 
 class Run(Protocol):
@@ -35,22 +43,29 @@ class Run(Protocol):
     moves_section: bool
     is_in_vain: bool
     counters: dict[str, Any]
-    first_shape: Shape
     most_lines: int
+    reason: StopReason
 
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
 
-    def fit_to(self, answer: Answer) -> None:
-        """Lines from what a network says."""
+    def search(
+        self, start: torch.Tensor, jumps: int, answer: Answer | None = None, others: torch.Tensor | None = None
+    ) -> None:
+        """Lines searched for from others."""
+
+    def descended(self, heights: FloatArray) -> FloatArray:
+        """Heights [m] after a descent that trusts the image everywhere."""
+
+    def network_here(self) -> Direct | None:
+        """The network on the bench of the view; None beyond its family."""
 
 
-def look_again(run: Run, network: Direct, looks: int) -> bool:
-    """Search for lines anew from what a network says of those so far, while less of the image is left each time.
+def look_again(run: Run, looks: int) -> bool:
+    """Search for lines anew from what heights and a network say of those so far, while less of the image is left.
 
     Args:
-        run: on the bench that the network is told of.
-        network: that may be able to look again.
+        run: of which lines were found.
         looks: at most.
 
     Returns:
@@ -59,24 +74,62 @@ def look_again(run: Run, network: Direct, looks: int) -> bool:
     Raises:
         KeyboardInterrupt: the lines of before are kept.
     """
-    for look in range(looks):
-        found, was, of_network = run.left()
-        if run.view.is_explained(run.lines) or was > LOOKED_AT_SHARE * of_network:
-            return look > 0
-        said = network.looked_again(run.view.resimulation, found)
-        if said is None:
-            return False
-        kept = run.lines, run.model.shape, run.moves_section
-        is_better = False
-        try:
-            run.model.shape = run.first_shape
-            run.fit_to(Answer(*said, run.most_lines))
-            is_better = not run.is_in_vain and run.left()[1] < LOOK_FACTOR * was
-        finally:
-            run.is_in_vain = False
-            if not is_better:
-                run.lines, run.model.shape, run.moves_section = kept
+    is_better = False
+    for _ in range(looks):
+        found, left, of_network = run.left()
+        if run.reason != "converged" or run.view.is_explained(run.lines) or left > LOOKED_AT_SHARE * of_network:
+            break
+        has_gained = _by_heights(run, found)
+        if run.reason == "converged" and not run.view.is_explained(run.lines):
+            has_gained = _by_network(run) or has_gained
+        if not has_gained:
+            break
+        is_better = True
+        run.counters["looks"] = run.counters.get("looks", 0) + 1
+    return is_better
+
+
+def _by_heights(run: Run, found: FloatArray) -> bool:
+    """Grow lines where a descent of heights goes from theirs; whether that is better."""
+    heights = torch.as_tensor(run.descended(found), dtype=torch.float32)
+    if run.reason != "converged":
+        return False
+    answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
+    is_better, _ = _tried(run, lambda: run.search(run.lines, JUMPS, answer))
+    return is_better
+
+
+def _by_network(run: Run) -> bool:
+    """Search for lines in what a network says, and take those that are better in places; whether any are."""
+    network = run.network_here()
+    said = None if network is None else network.looked_again(run.view.resimulation, run.left()[0])
+    if said is None:
+        return False
+    relief_m, spread_m = said
+    answer = Answer(relief_m, spread_m, run.most_lines)
+
+    def anew() -> None:
+        start = lines_of_relief(run.model, relief_m.cpu(), spread_m.cpu(), most=run.most_lines)
+        if len(start):
+            run.search(start, JUMPS, answer)
+
+    is_better, other = _tried(run, anew)
+    if run.view.is_explained(run.lines):
+        return is_better
+    is_joint, _ = _tried(run, lambda: run.search(run.lines, JUMPS, answer, other))
+    return is_better or is_joint
+
+
+def _tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
+    """Keep the lines of a search if they are better; whether they are, and the lines that were not kept."""
+    kept, was = (run.lines, run.model.shape, run.moves_section), run.left()[1]
+    is_better = False
+    try:
+        search()
+        is_better = run.left()[1] < LOOK_FACTOR * was
+        other = kept[0] if is_better else run.lines
+    finally:
+        run.is_in_vain = False
         if not is_better:
-            return look > 0
-        run.counters["looks"] = look + 1
-    return looks > 0
+            run.lines, run.model.shape, run.moves_section = kept
+    return is_better, other
