@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+import nets.reconstruct.fibres.second_look as second_look
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.options import FibresOptions
@@ -35,7 +36,9 @@ def method(monkeypatch, saved, model):
     """``fibres`` whose network misses a line at first and takes the others for higher; looking again it says what it is
     told."""
 
-    def make(said, **options):
+    def make(said, by_heights=False, **options):
+        if not by_heights:
+            monkeypatch.setattr(second_look, "_by_heights", lambda run, found: False)
         first = torch.as_tensor(1.6 * relief(model, LINES[:2], 1e-5), dtype=torch.float32)
         monkeypatch.setattr(
             answers_module, "Replayed", lambda _: lambda images: first.expand(len(images), N, N).clone()
@@ -66,6 +69,14 @@ def test_a_line_that_was_missed_is_found_at_the_second_look(model, image, method
     assert result.counters["fibres"] == 3 and error_um(result, model) < 1.0
     left_out = model.heights(LINES).numpy() - model.heights(LINES[:2]).numpy()
     assert np.abs(shown[0][left_out > 1e-4]).mean() < np.abs(model.heights(LINES).numpy()[left_out > 1e-4]).mean() / 2
+
+
+def test_a_line_that_was_missed_is_grown_where_heights_go(model, image, method):
+    """A descent of heights begins to grow it; no network need be asked."""
+    fibres, shown = method(None, by_heights=True)
+    result = fibres.reconstruct(image)
+    assert not shown and result.counters["looks"] == 1
+    assert result.counters["fibres"] == 3 and error_um(result, model) < 1.0
 
 
 @pytest.mark.parametrize("said", ["worse", "nothing"])
