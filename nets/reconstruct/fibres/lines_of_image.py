@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
@@ -32,7 +31,6 @@ from nets.reconstruct.fibres.uncertainty import of_lines
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
-from warp_caustics.errors import MismatchError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -104,7 +102,8 @@ class LinesOfImage:
         """Of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.covariance: FloatArray | None = None
-        """Of lines and bench, where both were found."""
+        """Of lines and bench, where both were found; ``counted`` are those lines."""
+        self.counted = self.lines
         self.moves_section = False
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
@@ -126,8 +125,13 @@ class LinesOfImage:
                 looks = self.method.options.looks_on(self.method.device.type)
                 if look_again(self, looks) and self._is_near():
                     self._fit_with_all()
+            if self.covariance is not None and self.counted is not self.lines:
+                self.covariance = self._together(self.view.blur_px).covariance(self.lines, self.bench)
+                self.counted = self.lines
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
+        if self.counted is not self.lines:
+            self.covariance = None
         last = "bench of lines" if "fibres" in self.timings else "fibres"
         self.seconds = self.log.elapsed_s
         self.timings[last] = self.seconds - sum(self.timings.values())
@@ -228,19 +232,6 @@ class LinesOfImage:
         if not (method.options.samples and self.takes_lines and self.reason == "converged"):
             return result
         return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
-
-    def descended(self, heights: FloatArray) -> FloatArray:
-        """Heights [m] after a descent that trusts the image everywhere."""
-        return refined(self, self.view, heights, is_trusted=True).heights
-
-    def network_here(self) -> Direct | None:
-        """The network on the bench of the view; None beyond its family."""
-        if self.view is self.told:
-            return self.method.network
-        try:
-            return self.method.network.on_bench(self.view.scene)
-        except MismatchError:
-            return None
 
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
@@ -349,7 +340,7 @@ class LinesOfImage:
         if was is None or now is None or not now < enough * was:
             self.lines, self.view, self.bench, self.model.shape = kept
             return
-        self.covariance = together.covariance(self.lines, self.bench)
+        self.covariance, self.counted = together.covariance(self.lines, self.bench), self.lines
         self.bench = together.with_sigma(self.bench, self.covariance)
 
     def _fit_with_bench(self) -> None:
@@ -372,7 +363,7 @@ class LinesOfImage:
             if was is None or now is None or not now < enough * was:
                 self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
                 return
-            self.covariance = together.covariance(self.lines, self.bench)
+            self.covariance, self.counted = together.covariance(self.lines, self.bench), self.lines
             if is_done:
                 return
 

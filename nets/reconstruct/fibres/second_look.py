@@ -12,10 +12,12 @@ import torch
 
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.refined_lines import Run as ToBeRefined
+from nets.reconstruct.fibres.refined_lines import refined
 from nets.reconstruct.fibres.search import Answer
+from warp_caustics.errors import MismatchError
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
-from warp_caustics.reconstruct.base import StopReason
 from warp_caustics.types import FloatArray
 
 TAKEN_SHARE = 0.6
@@ -34,7 +36,7 @@ JUMPS = 2
 """Rounds of growth and jumps in each search, at most."""
 
 
-class Run(Protocol):
+class Run(ToBeRefined, Protocol):
     """Lines of one image, so far."""
 
     lines: torch.Tensor
@@ -44,7 +46,6 @@ class Run(Protocol):
     is_in_vain: bool
     counters: dict[str, Any]
     most_lines: int
-    reason: StopReason
 
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
@@ -53,12 +54,6 @@ class Run(Protocol):
         self, start: torch.Tensor, jumps: int, answer: Answer | None = None, others: torch.Tensor | None = None
     ) -> None:
         """Lines searched for from others."""
-
-    def descended(self, heights: FloatArray) -> FloatArray:
-        """Heights [m] after a descent that trusts the image everywhere."""
-
-    def network_here(self) -> Direct | None:
-        """The network on the bench of the view; None beyond its family."""
 
 
 def look_again(run: Run, looks: int) -> bool:
@@ -91,7 +86,7 @@ def look_again(run: Run, looks: int) -> bool:
 
 def _by_heights(run: Run, found: FloatArray) -> bool:
     """Grow lines where a descent of heights goes from theirs; whether that is better."""
-    heights = torch.as_tensor(run.descended(found), dtype=torch.float32)
+    heights = torch.as_tensor(refined(run, run.view, found, is_trusted=True).heights, dtype=torch.float32)
     if run.reason != "converged":
         return False
     answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
@@ -101,7 +96,7 @@ def _by_heights(run: Run, found: FloatArray) -> bool:
 
 def _by_network(run: Run) -> bool:
     """Search for lines in what a network says, and take those that are better in places; whether any are."""
-    network = run.network_here()
+    network = _network_here(run)
     said = None if network is None else network.looked_again(run.view.resimulation, run.left()[0])
     if said is None:
         return False
@@ -118,6 +113,14 @@ def _by_network(run: Run) -> bool:
         return is_better
     is_joint, _ = _tried(run, lambda: run.search(run.lines, JUMPS, answer, other))
     return is_better or is_joint
+
+
+def _network_here(run: Run) -> Direct | None:
+    """The network on the bench of the view; None beyond its family."""
+    try:
+        return run.method.network if run.view is run.told else run.method.network.on_bench(run.view.scene)
+    except MismatchError:
+        return None
 
 
 def _tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:

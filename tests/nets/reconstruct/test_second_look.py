@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 import torch
 
+import nets.reconstruct.fibres.lines_of_image as lines_module
 import nets.reconstruct.fibres.second_look as second_look
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.direct import Direct
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, noisy_image
+from warp_caustics.errors import MismatchError
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.result import Resimulated
 
@@ -143,3 +147,53 @@ def test_the_last_network_with_feedback_is_shown_the_lines_and_their_caustic():
     mean, spread = Direct.looked_again(SimpleNamespace(asked=[without, Looks()]), Resimulation(), heights)
     assert torch.equal(mean, torch.full((4, 4), 2.0)) and torch.equal(spread, torch.ones(4, 4))
     assert Direct.looked_again(SimpleNamespace(asked=[without]), Resimulation(), heights) is None
+
+
+def test_what_is_known_of_a_bench_is_of_the_lines_in_the_end(model, image, method, monkeypatch):
+    """Lines that were found after bench and lines together have a covariance of their own."""
+    runs = []
+
+    def with_all(self):
+        runs.append(self)
+        self.covariance, self.counted = np.eye(self.lines.numel()), self.lines
+
+    monkeypatch.setattr(LinesOfImage, "_fit_with_all", with_all)
+    monkeypatch.setattr(LinesOfImage, "_is_near", lambda self: False)
+    monkeypatch.setattr(BenchOfLines, "covariance", lambda self, lines, bench: 2 * np.eye(lines.numel()))
+    fibres, _ = method(relief(model, LINES, 1e-5))
+    fibres.reconstruct(image)
+    (run,) = runs
+    assert len(run.lines) == 3 and run.counted is run.lines
+    np.testing.assert_array_equal(run.covariance, 2 * np.eye(18))
+
+
+def test_an_interrupted_look_leaves_no_covariance_of_other_lines(model, image, method, monkeypatch):
+    def look(run, looks):
+        run.lines = run.lines[:1]
+        raise KeyboardInterrupt
+
+    def with_all(self):
+        runs.append(self)
+        self.covariance, self.counted = np.eye(self.lines.numel()), self.lines
+
+    runs = []
+    monkeypatch.setattr(LinesOfImage, "_fit_with_all", with_all)
+    monkeypatch.setattr(lines_module, "look_again", look)
+    fibres, _ = method(None)
+    fibres.reconstruct(image)
+    assert runs[0].covariance is None and runs[0].reason == "interrupted"
+
+
+def test_a_bench_beyond_the_family_is_not_looked_at(model, image, method, monkeypatch):
+    """The network is asked on the bench that was found, where it knows it."""
+    asked = []
+
+    def on_bench(self, scene):
+        asked.append(scene)
+        raise MismatchError("beyond")
+
+    monkeypatch.setattr(Direct, "on_bench", on_bench)
+    fibres, _ = method(relief(model, LINES, 1e-5))
+    run = SimpleNamespace(method=fibres, view=SimpleNamespace(scene=SCENE), told=None)
+    assert second_look._network_here(run) is None and asked == [SCENE]
+    assert second_look._network_here(SimpleNamespace(method=fibres, view=1, told=1)) is fibres.network
