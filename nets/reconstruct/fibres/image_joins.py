@@ -44,35 +44,37 @@ class Gap(NamedTuple):
     half_m: float
 
 
-def with_joins(fit: ImageFit, lines: torch.Tensor) -> Fitted:
+def with_joins(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None = None) -> Fitted:
     """Lines with pieces joined where the image allows it: each line less may raise the misfit as if it were removed.
 
     Args:
         fit: judges.
         lines: shape [L, 6] [m].
+        quick: says which of all ways are tried; ``fit`` if None.
     """
     best = Fitted(lines, fit.loss(fit.model.heights(lines)))
     for _ in range(ROUNDS):
-        found = _joined_once(fit, best)
+        found = _joined_once(fit, best, quick or fit)
         if found is None:
             break
         best = found
     return best
 
 
-def _joined_once(fit: ImageFit, before: Fitted) -> Fitted | None:
+def _joined_once(fit: ImageFit, before: Fitted, quick: ImageFit) -> Fitted | None:
     """After the first of the ways to join pieces that the image allows; None where it allows none."""
     ways = list(_ways(before.lines))
     if not ways:
         return None
-    losses = fit.losses(torch.stack([fit.model.heights(lines) for lines, _ in ways]))
-    tried = sorted(((loss, number) for number, loss in enumerate(losses)))[:TRIED]
+    heights = [fit.model.heights(lines) for lines in (before.lines, *(way for way, _ in ways))]
+    now, *losses = quick.losses(torch.stack(heights))
+    tried = sorted((loss, number) for number, loss in enumerate(losses))[:TRIED]
     found = [(loss, ways[number][0]) for loss, number in tried]
     for _, number in tried:
         # Where lines meet, those that end there have given way to the pieces.
-        found += ends_moved(fit, *ways[number])
+        found += ends_moved(quick, *ways[number])
     for loss, lines in sorted(found, key=lambda each: each[0])[:TRIED]:
-        if loss > GIVEN_UP_FACTOR * before.loss:
+        if loss > GIVEN_UP_FACTOR * now:
             break
         joined = fit.descend(lines, TRIAL_ITERATIONS)
         if joined.loss < before.loss * REMOVED_LINE_FACTOR ** (len(before.lines) - len(lines)):

@@ -177,7 +177,7 @@ class LineSearch:
         """Take pieces for one line where the image does not mind: what lies between them shows too little to tell."""
         if self.answer is None or not gaps_between(self.lines):
             return
-        found = with_joins(self.fine, self.lines)
+        found = with_joins(self.fine, self.lines, self.coarse)
         if len(found.lines) < len(self.lines):
             self.lines = found.lines
             self._finish()
@@ -200,7 +200,8 @@ class LineSearch:
             if self.answer is not None:
                 best = pruned(fit, best.lines)
                 if fit is self.fine:
-                    best = with_moved_ends(fit, with_joins(fit, best.lines).lines)
+                    best = with_joins(fit, best.lines, self.coarse)
+                    best = with_moved_ends(fit, best.lines, self.coarse)
                 best = grown(fit, best.lines, self.answer.relief_m, self.answer.spread_m, self.answer.most)
                 self.lines = best.lines
             most = JUMPING_LINES_FIRST if number == 0 and rounds is None else JUMPING_LINES_LATER
