@@ -175,12 +175,17 @@ class LineSearch:
 
     def _join(self) -> None:
         """Take pieces for one line where the image does not mind: what lies between them shows too little to tell."""
-        if self.answer is None or not gaps_between(self.lines):
+        if self.answer is None or self.view is None or not gaps_between(self.lines):
             return
+        model = self.fine.model
+        kept = self.lines, model.shape
         found = with_joins(self.fine, self.lines, self.coarse)
-        if len(found.lines) < len(self.lines):
-            self.lines = found.lines
-            self._finish()
+        if len(found.lines) == len(self.lines):
+            return
+        self.lines = found.lines
+        self._finish()
+        if not self.view.is_explained(self.lines):
+            self.lines, model.shape = kept
 
     def _finish(self) -> None:
         if self.last is not None:
