@@ -127,6 +127,8 @@ class LineSearch:
         self.coarse = self.fine = finely(told, seen, pixels, one)
         if is_halved:
             self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, blur_px=one)
+        self.quick = self.coarse if model.device.type == "cpu" else self.fine
+        """Ranks what is tried by the hundred; a GPU has time for more pixels."""
         self.last = None
         if pixels < scene.image_pixels or scene.n_wavelengths > 1:
             self.last = finely(scene, image, scene.image_pixels, blur)
@@ -179,7 +181,7 @@ class LineSearch:
             return
         model = self.fine.model
         kept = self.lines, model.shape
-        found = with_joins(self.fine, self.lines, self.coarse)
+        found = with_joins(self.fine, self.lines, self.quick)
         if len(found.lines) == len(self.lines):
             return
         self.lines = found.lines
@@ -205,8 +207,8 @@ class LineSearch:
             if self.answer is not None:
                 best = pruned(fit, best.lines)
                 if fit is self.fine:
-                    best = with_joins(fit, best.lines, self.coarse)
-                    best = with_moved_ends(fit, best.lines, self.coarse)
+                    best = with_joins(fit, best.lines, self.quick)
+                    best = with_moved_ends(fit, best.lines, self.quick)
                 best = grown(fit, best.lines, self.answer.relief_m, self.answer.spread_m, self.answer.most)
                 self.lines = best.lines
             most = JUMPING_LINES_FIRST if number == 0 and rounds is None else JUMPING_LINES_LATER
