@@ -5,7 +5,6 @@ the gap between them with something else that explains its light nearly as well.
 whole line; that pieces lie along one line tells that there is one.
 """
 
-import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -85,11 +84,10 @@ def _joined_once(fit: ImageFit, before: Fitted, quick: ImageFit) -> Fitted | Non
 def gaps_between(lines: torch.Tensor) -> list[Gap]:
     """Gaps between lines [L, 6] [m] that may be pieces of one."""
     found = []
-    for i, j in itertools.combinations(range(len(lines)), 2):
+    ratios = lines[:, None, WIDTH:] / lines[None, :, WIDTH:]
+    alike = torch.maximum(ratios, 1 / ratios).amax(-1) <= ALIKE_FACTOR
+    for i, j in alike.triu(1).nonzero().tolist():
         first, second = lines[i], lines[j]
-        alike = torch.maximum(first[WIDTH:], second[WIDTH:]) / torch.minimum(first[WIDTH:], second[WIDTH:])
-        if float(alike.max()) > ALIKE_FACTOR:
-            continue
         ends = torch.cat([first[:4].reshape(2, 2), second[:4].reshape(2, 2)])
         along, off = _along(ends)
         if float(off.max()) > OFF_LINE * float(torch.minimum(first[WIDTH], second[WIDTH])):
