@@ -78,14 +78,12 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
         lines: shape [L, 6] [m].
         place: x and y on the plate [m].
     """
-    model, kept = fit.model, lines
-    ends = _ends_near(kept, place)
+    model, ends = fit.model, _ends_near(lines, place)
     if not ends:
         return []
-    moving = sorted({k for k, _ in ends})
-    versions = [torch.stack([stretched(kept[k], column, by) for by in STRETCHES_M]) for k, column in ends]
+    versions = [torch.stack([stretched(lines[k], column, by) for by in STRETCHES_M]) for k, column in ends]
     parts = [model.parts(model.clamped(version))[0] for version in versions]
-    rest = model.parts(kept[[k for k in range(len(kept)) if k not in moving]])[0]
+    rest = model.parts(_without(lines, [k for k, _ in ends]))[0]
     total = model.joined(rest) if len(rest) else torch.zeros_like(parts[0][0])
     total = total[None]
     for part in parts:
@@ -94,7 +92,7 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
     ways = list(itertools.product(range(len(STRETCHES_M)), repeat=len(ends)))
     found = []
     for loss, number in sorted(zip(losses, range(len(ways)), strict=True))[:TRIED]:
-        moved = kept.clone()
+        moved = lines.clone()
         for (k, _), version, way in zip(ends, versions, ways[number], strict=True):
             moved[k] = version[way]
         found.append((loss, model.clamped(moved)))

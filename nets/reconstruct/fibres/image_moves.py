@@ -10,6 +10,7 @@ import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.image_places import cell_misfits
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 
 STRETCHES_M = (-2e-3, -1e-3, -5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
@@ -97,10 +98,7 @@ def suspects(fit: ImageFit, model: LineModel, parts: torch.Tensor) -> list[int]:
         model: gives the grid.
         parts: each line alone [m], shape [L, n, n].
     """
-    with torch.no_grad():
-        image = fit.seen(model.joined(parts))
-    misfit = ((image - fit.measurement.irradiance).abs() * fit.measurement.weight).mean(dim=0)
-    cells = torch.nn.functional.adaptive_avg_pool2d(misfit[None], model.n)[0].cpu().numpy()
+    cells = cell_misfits(fit, model.joined(parts)).cpu().numpy()
     scores = []
     for k, part in enumerate(parts.cpu().numpy()):
         near = scipy.ndimage.binary_dilation(part > 0, iterations=3)

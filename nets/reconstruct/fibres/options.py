@@ -25,8 +25,9 @@ class FibresOptions(DirectOptions):
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     looks: Annotated[int, Field(ge=0, le=10)] | None = None
-    """How often a network looks at lines that leave part of the image unexplained, and lines are searched for anew from
-    what it says; each takes as long as the first search. None: twice on a GPU, never on a CPU."""
+    """How often lines that leave part of the image unexplained are searched for anew, from where heights go and from
+    what a network says that is shown them; each takes as long as the first search. None: twice on a GPU, never on a
+    CPU."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
     """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""

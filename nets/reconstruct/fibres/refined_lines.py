@@ -11,7 +11,7 @@ from warp_caustics.reconstruct.run_log import RunLog, following
 from warp_caustics.types import FloatArray
 
 
-class Run(Protocol):
+class ImageRun(Protocol):
     """One image, so far."""
 
     method: FibresOf
@@ -22,7 +22,7 @@ class Run(Protocol):
     refined_steps: int
 
 
-def refined(run: Run, view: LinesView, heights: FloatArray, *, is_trusted: bool = False) -> SettledRelief:
+def refined(run: ImageRun, view: LinesView, heights: FloatArray, *, is_trusted: bool = False) -> SettledRelief:
     """A relief refined; says in the run why it ended, if before its time.
 
     Args:

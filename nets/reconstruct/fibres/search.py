@@ -145,9 +145,9 @@ class LineSearch:
         """
         if self.finds_section:
             start, self.moves_section = with_section_found(self.coarse, start, moves=self.moves_section)
-        # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.others is not None and len(self.others):
             start = exchanged(self.coarse, start, self.others).lines
+        # Losses at few and at many pixels do not compare: what is best at few is some micrometres off at many.
         if self.jumps:
             coarse, _ = self._searched(self.coarse, start)
             self.is_in_vain = self.answer is not None and coarse.loss > self.coarse.loss(self.answer.relief_m)

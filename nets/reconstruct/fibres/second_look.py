@@ -12,8 +12,7 @@ import torch
 
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.refined_lines import Run as ToBeRefined
-from nets.reconstruct.fibres.refined_lines import refined
+from nets.reconstruct.fibres.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.search import Answer
 from warp_caustics.errors import MismatchError
 from warp_caustics.prints.model import LineModel
@@ -33,10 +32,10 @@ of 6, and left 1.1 times as much."""
 HEIGHTS_SPREAD_M = 2e-5
 """Spread of heights that a descent from lines gives [m]: what it adds is mostly right in place, less so in height."""
 JUMPS = 2
-"""Rounds of growth and jumps in each search, at most."""
+"""Rounds of growth and jumps in each search, at most; fewer where the method has fewer."""
 
 
-class Run(ToBeRefined, Protocol):
+class Run(ImageRun, Protocol):
     """Lines of one image, so far."""
 
     lines: torch.Tensor
@@ -90,7 +89,7 @@ def _by_heights(run: Run, found: FloatArray) -> bool:
     if run.reason != "converged":
         return False
     answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
-    is_better, _ = _tried(run, lambda: run.search(run.lines, JUMPS, answer))
+    is_better, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer))
     return is_better
 
 
@@ -106,13 +105,17 @@ def _by_network(run: Run) -> bool:
     def anew() -> None:
         start = lines_of_relief(run.model, relief_m.cpu(), spread_m.cpu(), most=run.most_lines)
         if len(start):
-            run.search(start, JUMPS, answer)
+            run.search(start, _jumps(run), answer)
 
     is_better, other = _tried(run, anew)
     if run.view.is_explained(run.lines):
         return is_better
-    is_joint, _ = _tried(run, lambda: run.search(run.lines, JUMPS, answer, other))
+    is_joint, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
     return is_better or is_joint
+
+
+def _jumps(run: Run) -> int:
+    return min(JUMPS, run.method.options.jumps)
 
 
 def _network_here(run: Run) -> Direct | None:

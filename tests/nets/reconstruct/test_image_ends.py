@@ -1,6 +1,7 @@
 """Ends of lines that meet, moved together where the image is explained worst."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -26,11 +27,16 @@ def model():
     return LineModel(SCENE)
 
 
-@pytest.fixture(scope="module")
-def fit(model):
+def meeting_image(model):
+    """With 1 % noise."""
     simulated = CausticSimulator(SCENE)(model.heights(MEETING))
     noise = torch.randn(simulated.shape, generator=torch.Generator().manual_seed(0))
-    return ImageFit(SCENE, CausticImage((simulated + 0.01 * noise).numpy()), model, 2 * N)
+    return CausticImage((simulated + 0.01 * noise).numpy())
+
+
+@pytest.fixture(scope="module")
+def fit(model):
+    return ImageFit(SCENE, meeting_image(model), model, 2 * N)
 
 
 def mistaken():
@@ -60,3 +66,14 @@ def test_ends_that_meet_move_together(model, fit):
 def test_right_ends_stay(model, fit):
     found = with_moved_ends(fit, MEETING)
     assert len(found.lines) == 3 and error_um(model, found.lines, MEETING) < 2.0
+
+
+def test_what_is_tried_is_what_few_pixels_like(model, fit):
+    """Ways are ranked by another fit; whether lines are better is said by the first."""
+    quick = ImageFit(SCENE, meeting_image(model), model, N)
+    start = mistaken()
+    found = with_moved_ends(fit, start, quick)
+    assert error_um(model, found.lines, MEETING) < 0.2 * error_um(model, start, MEETING)
+    assert found.loss == pytest.approx(fit.loss(model.heights(found.lines)), rel=1e-4)
+    blind = SimpleNamespace(model=model, loss=lambda heights: 1.0, losses=lambda heights: [9.0] * len(heights))
+    torch.testing.assert_close(with_moved_ends(fit, start, blind).lines, start)

@@ -77,7 +77,7 @@ def test_a_line_that_was_missed_is_found_at_the_second_look(model, image, method
 
 def test_a_line_that_was_missed_is_grown_where_heights_go(model, image, method):
     """A descent of heights begins to grow it; no network need be asked."""
-    fibres, shown = method(None, by_heights=True)
+    fibres, shown = method(None, by_heights=True, jumps=1)
     result = fibres.reconstruct(image)
     assert not shown and result.counters["looks"] == 1
     assert result.counters["fibres"] == 3 and error_um(result, model) < 1.0
@@ -197,3 +197,42 @@ def test_a_bench_beyond_the_family_is_not_looked_at(model, image, method, monkey
     run = SimpleNamespace(method=fibres, view=SimpleNamespace(scene=SCENE), told=None)
     assert second_look._network_here(run) is None and asked == [SCENE]
     assert second_look._network_here(SimpleNamespace(method=fibres, view=1, told=1)) is fibres.network
+
+
+def searched(left, after, others):
+    """A run whose lines leave so much, and whose searches leave what is said, one after the other."""
+    model = SimpleNamespace(shape="shape")
+    view = SimpleNamespace(is_explained=lambda lines: False, resimulation=None)
+    options = SimpleNamespace(jumps=1)
+    network = SimpleNamespace(looked_again=lambda resimulation, heights: (torch.zeros(N, N), torch.zeros(N, N)))
+    method = SimpleNamespace(options=options, network=network)
+    run = SimpleNamespace(model=model, view=view, told=view, method=method, moves_section=False, most_lines=9)
+    run.lines, of = torch.full((1, 6), -1.0), {-1.0: left}
+    run.left = lambda: (None, of[float(run.lines[0, 0])], 1.0)
+
+    def search(start, jumps, answer, other=None):
+        assert jumps == 1  # what the method has, though a look would take more
+        others.append((float(start[0, 0]), None if other is None else float(other[0, 0])))
+        number = float(len(others))
+        run.lines, of[number] = torch.full((1, 6), number), after[len(others) - 1]
+
+    run.search = search
+    return run
+
+
+@pytest.mark.parametrize(
+    ("after", "tried", "kept"),
+    [
+        ([0.5, 0.4], [(0.0, None), (1.0, -1.0)], 2.0),
+        ([0.9, 0.4], [(0.0, None), (-1.0, 1.0)], 2.0),
+        ([0.5, 0.5], [(0.0, None), (1.0, -1.0)], 1.0),
+        ([0.9, 0.8], [(0.0, None), (-1.0, 1.0)], -1.0),
+    ],
+)
+def test_the_better_lines_are_searched_on_with_the_others_at_hand(monkeypatch, after, tried, kept):
+    """Those of before are -1 and leave 0.7, those found anew are 1, those of both 2."""
+    monkeypatch.setattr(second_look, "lines_of_relief", lambda model, relief_m, spread_m, most: torch.zeros(1, 6))
+    others = []
+    run = searched(0.7, after, others)
+    assert second_look._by_network(run) == (kept > 0)
+    assert others == tried and float(run.lines[0, 0]) == kept and not run.is_in_vain
