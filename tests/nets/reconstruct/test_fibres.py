@@ -13,6 +13,7 @@ from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.method import Fibres, nearer_lines
+from nets.reconstruct.fibres.uncertainty import FOUND_LINES
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
@@ -283,10 +284,10 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     result = create("fibres", fine, weights=saved("direct", scene=fine), **options).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
-    assert float(sigma.min()) == pytest.approx(0.3e-6) and 1e-6 < float(sigma.max()) < 1e-5
+    assert float(sigma.min()) == pytest.approx(FOUND_LINES.floor_m) and 5e-7 < float(sigma.max()) < 5e-6
     assert float(np.mean(error < 2 * sigma)) > 0.95
     on_lines = truth.numpy() > 1e-5
-    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.97, "as of own plates, docs/learned.md"
+    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.9, "as of own plates, docs/trust.md"
 
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):
