@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from cli.figures import new_figure, rgb_composite, show_plate, white_level
 from warp_caustics.scene import Scene
@@ -53,7 +54,11 @@ def uncertainty_figure(scene: Scene, uncertainty_m: FloatArray) -> Figure:
     axes = figure.subplots(gridspec_kw=ONE_PANEL)
     shown = uncertainty_m * 1e6
     high = max(float(shown.max()), 1e-2)
-    norm = LogNorm(vmin=high * 1e-3, vmax=high, clip=True)
+    # From the least on, so that lines stand out of what the bench leaves uncertain everywhere; a decade at least.
+    low = max(min(float(shown.min()), high / 10), high * 1e-3)
+    norm = LogNorm(vmin=low, vmax=high, clip=True)
     picture = show_plate(axes, scene, shown, "standard uncertainty of the heights", cmap="magma", norm=norm)
-    figure.colorbar(picture, cax=axes.inset_axes(BAR), label="um", extend="min")
+    bar, extend = axes.inset_axes(BAR), "min" if shown.min() < low else "neither"
+    scale = figure.colorbar(picture, cax=bar, label="um", extend=extend, ticks=LogLocator(subs=(1, 2, 5)), format="%g")
+    scale.minorticks_off()
     return figure

@@ -19,9 +19,8 @@ from warp_caustics.height_field import cell_centres
 ROOT = Path(__file__).parents[1]
 STORED = json.loads((ROOT / "benchmarks" / "robustness_h200.json").read_text(encoding="utf-8"))
 ITERATED = json.loads((ROOT / "benchmarks" / "learned_h200.json").read_text(encoding="utf-8"))["iterations/full"]
-LINES = json.loads((ROOT / "benchmarks" / "bench.json").read_text(encoding="utf-8"))["suites"]["ideal"]["fibres"][
-    "field"
-]
+BENCH = json.loads((ROOT / "benchmarks" / "bench.json").read_text(encoding="utf-8"))["suites"]
+LINES = BENCH["ideal"]["fibres"]["field"]
 AUTO_CPU = json.loads((ROOT / "benchmarks" / "auto_cpu.json").read_text(encoding="utf-8"))
 RELEASE = json.loads((ROOT / "benchmarks" / "release.json").read_text(encoding="utf-8"))["cells"]
 CPU, GPU = "two CPU cores", "one H200"
@@ -95,6 +94,20 @@ def test_readme():
         assert [round(min(times)), round(max(times))] == figures(cell.split(",")[1])
     assert direct[0].endswith(STORED["times"][CPU]["direct"])
     assert direct[1].endswith("0.42 s") and STORED["times"][GPU]["direct"] == "422 ms"
+
+
+def test_readme_on_an_ordinary_bench():
+    (stated,) = re.findall(r"`fibres` ends ([\d.]+) um off on an H100", page("README.md"))
+    agrees([stated], np.array(BENCH["lab"]["fibres"]["ordinary"]["rmse_um"]))
+
+
+def test_lines_on_benches_of_a_lab():
+    rows = {
+        row[0].partition(",")[0]: row[2:] for row in table(page("docs/learned.md"), "| bench | `direct`, bench as told")
+    }
+    for name in ("careful", "ordinary", "poor", "another"):
+        for cell, method in zip(rows[name], ("direct", "fibres"), strict=True):
+            agrees([cell], np.array(BENCH["lab"][method][name]["rmse_um"]))
 
 
 def test_readme_on_test_fields():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cli.figures import rgb_composite, write_figure
-from cli.overview import overview_figure
+from cli.overview import overview_figure, uncertainty_figure
 from warp_caustics.io.images import read_image
 from warp_caustics.scene import Scene
 
@@ -78,3 +78,13 @@ def test_a_failing_writer_leaves_no_file(tmp_path, tiny_scene):
     with pytest.raises(ValueError, match="xyz"):
         write_figure(tmp_path / "a.xyz", figure_of(tiny_scene, 1.0))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("least_um", "low_um"), [(0.5, 0.5), (4.0, 0.8), (1e-4, 8e-3)])
+def test_colours_of_an_uncertainty_begin_at_its_least(least_um, low_um):
+    """But a decade at least and three at most below the largest."""
+    uncertainty = np.full((16, 16), least_um * 1e-6)
+    uncertainty[3, 4] = 8e-6
+    figure = uncertainty_figure(Scene(height_samples=16, image_pixels=32), uncertainty)
+    norm = figure.axes[0].images[0].norm
+    assert (norm.vmin, norm.vmax) == (pytest.approx(low_um), pytest.approx(8.0))
