@@ -1,13 +1,14 @@
 """The paper's updater trained as printed, its ablations beside it, several seeds of each: one table.
 
-    python -m benchmarks.paper_recipe train -o FOLDER [--device cuda] [--seeds 0 1 2] [--within 1500]
+    python -m benchmarks.paper_recipe train -o FOLDER [--device cuda] [--networks full-0 no-gradient-2] [--within 1500]
     python -m benchmarks.paper_recipe judge -o FOLDER [--device cuda] --json benchmarks/paper_recipes.json
     python -m benchmarks.paper_recipe table --json benchmarks/paper_recipes.json
 
 Single steps from perturbed reliefs, Tab. 2's networks, Adam at Tab. 2's rate to the end, 90,000 samples an epoch, an
 end after three epochs without progress (sections 2.1 and 2.2). All networks of a process learn side by side from the
 same pool, because a sample takes longer to simulate than to learn from; each draws its own batches of it. A second
-`train` goes on where the first ended. `judge` makes ten iterations from flat on the ten development fields.
+`train` goes on where the first ended; networks of two GPUs have two folders. `judge` makes ten iterations from flat on
+the ten development fields, with the weights of the best epoch.
 
 What differs from the print: images that are seen are a lattice's, simulated ones have few photons with the noise of
 Tab. 1's 1e6 (docs/data.md), networks compute in bfloat16, and gradients are cut at a length of 1.
@@ -15,6 +16,7 @@ Tab. 1's 1e6 (docs/data.md), networks compute in bfloat16, and gradients are cut
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,12 +44,16 @@ EPOCH_SAMPLES = 90_000
 """Nine tenths of 100,000; the other tenth would judge."""
 PATIENCE = 3
 RECORD_STEPS = 200
+SAVED_STEPS = 1000
+"""Between states that are written, for a training that ends without a word."""
 VARIANTS = {
     "full": ("paper-updater", True),
     "no denoiser": ("paper-updater", False),
     "no gradient": ("paper-updater-no-gradient", True),
 }
 """Network, and whether simulated images are denoised."""
+NETWORKS = {f"{variant}-{seed}".replace(" ", "-"): (variant, seed) for seed in range(3) for variant in VARIANTS}
+"""Variant and seed of each network by its name."""
 
 
 def run_of(variant: str, seed: int, options: Options) -> RunConfig:
@@ -81,7 +87,8 @@ class Learner:
     """One network, its optimiser and how it did."""
 
     def __init__(self, variant: str, seed: int, options: Options):
-        self.name, self.variant, self.seed = f"{variant}-{seed}".replace(" ", "-"), variant, seed
+        self.variant, self.seed = variant, seed
+        self.name = next(name for name, of in NETWORKS.items() if of == (variant, seed))
         self.config = run_of(variant, seed, options)
         self.device = torch.device(options.device)
         torch.manual_seed(step_seed(seed, "weights", 0))
@@ -92,16 +99,22 @@ class Learner:
         self.called: Any = torch.compile(self.network) if options.compile else self.network
         self.losses: list[float] = []
         self.epochs: list[dict[str, float]] = []
+        self.best: dict[str, torch.Tensor] | None = None
         self._sum, self._count = torch.zeros((), device=self.device), 0
         self._norm = torch.zeros((), device=self.device)
 
     @property
-    def is_done(self) -> bool:
-        """Whether it went so many epochs without progress."""
+    def stopping(self) -> EarlyStopping:
+        """What its epochs say of going on."""
         stopping = EarlyStopping(PATIENCE, 0)
         for epoch in self.epochs:
             stopping.saw(epoch["val_loss"])
-        return stopping.should_stop
+        return stopping
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it went so many epochs without progress."""
+        return self.stopping.should_stop
 
     def model(self, *args: Any) -> Any:
         """The network as it learns."""
@@ -117,6 +130,12 @@ class Learner:
                 return self.network(*args)
 
         return self.task.measures(judged, [as_seen(batch, self.variant) for batch in batches])
+
+    def end_epoch(self, batches: list[Batch]) -> None:
+        """Judge, and keep the weights if they are the best."""
+        self.epochs.append(self.measures(batches))
+        if self.stopping.best_epoch == len(self.epochs):
+            self.best = {name: values.clone() for name, values in self.network.state_dict().items()}
 
     def learn(self, batch: Batch, step: int) -> None:
         """One step of Adam."""
@@ -138,26 +157,26 @@ class Learner:
             "optimiser": self.optimiser.state_dict(),
             "losses": self.losses,
             "epochs": self.epochs,
+            "best": self.best,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.losses, self.epochs = list(state["losses"]), list(state["epochs"])
+        self.best = state["best"]
 
 
-def train(
-    folder: Path, seeds: Sequence[int], variants: Sequence[str], options: Options, within_s: float, epochs: int
-) -> None:
+def train(folder: Path, networks: Sequence[str], options: Options, within_s: float, epochs: int) -> None:
     """Train, or go on, and write states, weights and the record of each network."""
     started = time.monotonic()
     device = torch.device(options.device)
     torch.backends.cudnn.benchmark = torch.backends.cudnn.allow_tf32 = True
-    torch._dynamo.config.recompile_limit = 4 * len(seeds) * len(variants)
+    torch._dynamo.config.recompile_limit = 4 * len(networks)
     folder.mkdir(parents=True, exist_ok=True)
-    learners = [Learner(variant, seed, options) for seed in seeds for variant in variants]
-    step, seconds = _restored(folder, learners)
-    config = run_of("full", min(seeds), options)
+    learners = [Learner(*NETWORKS[name], options) for name in networks]
+    step, before = _restored(folder, learners)
+    config = run_of("full", 0, options)
     pool = Pool(Samples(config, device), options, device)
     judging = Samples(config, device, is_validation=True)
     batches = [judging(range(k, min(k + BATCH, options.validation))) for k in range(0, options.validation, BATCH)]
@@ -166,6 +185,8 @@ def train(
     print(f"{len(learners)} networks from step {step}, {time.monotonic() - started:.0f} s to prepare", flush=True)
     begun = time.monotonic()
     while step < epochs * steps_per_epoch and time.monotonic() - started < within_s:
+        if all(learner.is_done for learner in learners):
+            break
         pool.fill(step + 1 + pool.slots // 4)
         for learner in learners:
             if not learner.is_done:
@@ -174,14 +195,25 @@ def train(
         if step % steps_per_epoch == 0:
             for learner in learners:
                 if not learner.is_done:
-                    learner.epochs.append(learner.measures(batches))
+                    learner.end_epoch(batches)
         if step % RECORD_STEPS == 0:
             losses = " ".join(f"{learner.losses[-1]:.3f}" for learner in learners if learner.losses)
             print(f"step {step}, {time.monotonic() - begun:.0f} s, loss {losses}", flush=True)
+        if step % SAVED_STEPS == 0:
+            _save(folder, learners, step, before + time.monotonic() - begun)
     for samples in (pool.samples, judging):
         samples.strokes.close()
-    seconds += time.monotonic() - begun
+    seconds = before + time.monotonic() - begun
+    _save(folder, learners, step, seconds)
     _write(folder, learners, step, seconds, options, batches)
+
+
+def _save(folder: Path, learners: Sequence[Learner], step: int, seconds: float) -> None:
+    """States from which all go on; a second of them is whole before the first is replaced."""
+    for learner in learners:
+        torch.save(learner.state() | {"step": step, "seconds": seconds}, folder / f"{learner.name}.pt.new")
+    for learner in learners:
+        (folder / f"{learner.name}.pt.new").replace(folder / f"{learner.name}.pt")
 
 
 def _restored(folder: Path, learners: Sequence[Learner]) -> tuple[int, float]:
@@ -201,7 +233,7 @@ def _restored(folder: Path, learners: Sequence[Learner]) -> tuple[int, float]:
     if len(states) < len(learners) or len(steps) > 1:
         raise InputError(
             f"{folder} has states of {len(states)} of {len(learners)} networks, of steps {steps}; networks that learn "
-            "side by side go on together: choose the same --seeds and --variants, or another folder"
+            "side by side go on together: choose the same --networks, or another folder"
         )
     for learner in learners:
         learner.restore(states[learner.name])
@@ -212,30 +244,31 @@ def _write(
     folder: Path, learners: Sequence[Learner], step: int, seconds: float, options: Options, batches: list[Batch]
 ) -> None:
     for learner in learners:
-        torch.save(learner.state() | {"step": step, "seconds": seconds}, folder / f"{learner.name}.pt")
-        at_end = {}
+        at_end = learner.measures(batches)
+        if learner.best is not None:
+            learner.network.load_state_dict(learner.best)
         if torch.isfinite(torch.cat([p.detach().flatten() for p in learner.network.parameters()])).all():
-            at_end = learner.measures(batches)
             told = {"kind": "updater", "steps": step, "batch": BATCH}
-            weights = folder / f"{learner.name}.safetensors"
-            export_weights(weights, learner.network, learner.config, told)
-        visits = step * BATCH
+            export_weights(folder / f"{learner.name}.safetensors", learner.network, learner.config, told)
+        steps = len(learner.epochs) * learner.config.training.steps_per_epoch if learner.is_done else step
         record = {
             "variant": learner.variant,
             "seed": learner.seed,
-            "steps": step,
-            "visits": visits,
-            "different_samples": min(step * options.fresh, options.epoch),
+            "steps": steps,
+            "visits": steps * BATCH,
+            "different_samples": min(steps * options.fresh, options.epoch),
             "side_by_side": len(learners),
             "seconds": round(seconds, 1),
             "device": torch.cuda.get_device_name(learner.device) if learner.device.type == "cuda" else "cpu",
-            "at_end": {name: round(value, 5) for name, value in at_end.items()},
+            "ended": "by three epochs without progress" if learner.is_done else "by time",
+            "weights_of_epoch": learner.stopping.best_epoch or None,
+            "at_end": {name: round(value, 5) for name, value in at_end.items() if math.isfinite(value)},
             "epochs": [{name: round(value, 5) for name, value in epoch.items()} for epoch in learner.epochs],
             "loss_median": round(float(np.median(learner.losses)), 4) if learner.losses else None,
             "loss_largest": max(learner.losses, default=None),
         }
         (folder / f"{learner.name}.json").write_text(json.dumps(record, indent=1) + "\n")
-        print(f"{learner.name:16} step {step} " + ", ".join(f"{k} {v:.4g}" for k, v in at_end.items()), flush=True)
+        print(f"{learner.name:16} step {steps} " + ", ".join(f"{k} {v:.4g}" for k, v in at_end.items()), flush=True)
 
 
 def judge(folder: Path, device: str, fields: int, count: int, out: Path) -> None:
@@ -282,8 +315,7 @@ def main() -> None:
     parser.add_argument("what", choices=("train", "judge", "table"))
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--variants", nargs="+", choices=tuple(VARIANTS), default=list(VARIANTS))
+    parser.add_argument("--networks", nargs="+", choices=tuple(NETWORKS), default=list(NETWORKS))
     parser.add_argument("--within", type=float, default=1e9, help="seconds, preparation and all")
     parser.add_argument("--epochs", type=int, default=10**6)
     parser.add_argument("--epoch-samples", type=int, default=EPOCH_SAMPLES)
@@ -314,7 +346,7 @@ def main() -> None:
             given.compile,
             given.traced,
         )
-        train(given.output, given.seeds, given.variants, options, given.within, given.epochs)
+        train(given.output, given.networks, options, given.within, given.epochs)
 
 
 if __name__ == "__main__":

@@ -50,8 +50,9 @@ class Samples:
     def __call__(self, ids: range, following: Sequence[range] = ()) -> Batch:
         heights, start = self.strokes.reliefs(ids, following)
         target = self.sampler.target(heights, ids)
-        noisy, raw = self.sampler.simulated.with_gradient(start, target, ids)
-        denoised, gradient = self.sampler.simulated.with_gradient(start, target, ids, self.denoiser)
+        (noisy, raw), (denoised, gradient) = self.sampler.simulated.with_gradients(
+            start, target, ids, (None, self.denoiser)
+        )
         return {
             "heights": heights,
             "start": start,

@@ -160,20 +160,27 @@ class Images:
         Returns:
             D(S(h)) [W/m^2], shape of target, and dE/dh [W^2/m^5], shape of heights.
         """
-        images, gradients = [], []
+        return self.with_gradients(heights, target, ids, (denoiser,))[0]
+
+    def with_gradients(
+        self, heights: torch.Tensor, target: torch.Tensor, ids: Sequence[int], denoisers: Sequence[Denoiser | None]
+    ) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """:meth:`with_gradient` for several denoisers, simulated once; a pair for each of them."""
+        found: list[list[tuple[torch.Tensor, torch.Tensor]]] = [[] for _ in denoisers]
         pixels = target.shape[-1] * target.shape[-2]
         for part in self._parts(len(ids)):
             leaf = heights[part].detach().clone().requires_grad_()
             # A caller that fills a pool has gradients switched off.
             with torch.enable_grad():
                 simulated = self._simulated(part, leaf, ids)
-            with torch.no_grad():
-                shown = denoiser(simulated.detach()) if denoiser else simulated.detach()
-                residual = (shown - target[part]) / pixels
-            (gradient,) = torch.autograd.grad(simulated, leaf, residual)
-            images.append(shown)
-            gradients.append(gradient)
-        return torch.cat(images), torch.cat(gradients)
+            for denoiser, pairs in zip(denoisers, found, strict=True):
+                with torch.no_grad():
+                    shown = denoiser(simulated.detach()) if denoiser else simulated.detach()
+                    residual = (shown - target[part]) / pixels
+                is_last = pairs is found[-1]
+                (gradient,) = torch.autograd.grad(simulated, leaf, residual, retain_graph=not is_last)
+                pairs.append((shown, gradient))
+        return [(torch.cat([a for a, _ in pairs]), torch.cat([b for _, b in pairs])) for pairs in found]
 
     def _parts(self, count: int) -> list[slice]:
         return [slice(first, min(first + self.batch, count)) for first in range(0, count, self.batch)]

@@ -18,6 +18,7 @@ from torch.nn import functional
 
 from nets.config import NetworkConfig, Nonlinearity
 from nets.padding import crop_padding, pad_to_multiple
+from nets.wide_convolutions import convolved, doubled, halved, is_wanted, widened
 
 MERGE_KERNEL = 3
 
@@ -50,11 +51,16 @@ class ConvBlock(nn.Module):
     def __init__(self, c_in: int, c_out: int, kernel: int, nonlinearity: Nonlinearity, stride: int = 1):
         super().__init__()
         self.margins = kernel_margins(kernel, stride)
+        self.is_centred = stride == 1 and kernel % 2 == 1
         self.conv = nn.Conv2d(c_in, c_out, kernel, stride=stride)
         self.nonlinearity = nonlinear(nonlinearity)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        y: torch.Tensor = self.nonlinearity(self.conv(functional.pad(x, self.margins * 2)))
+        conv = self.conv
+        if self.is_centred and is_wanted(x, conv.weight):
+            y: torch.Tensor = self.nonlinearity(convolved(widened(x), conv.weight, conv.bias))
+        else:
+            y = self.nonlinearity(conv(functional.pad(x, self.margins * 2)))
         return y
 
 
@@ -71,7 +77,9 @@ class DownBlock(nn.Module):
         self.nonlinearity = nonlinear(nonlinearity)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        y: torch.Tensor = self.nonlinearity(self.conv(x))
+        conv = self.conv
+        is_wide = is_wanted(x, conv.weight)
+        y: torch.Tensor = self.nonlinearity(halved(x, conv.weight, conv.bias) if is_wide else conv(x))
         return y
 
 
@@ -86,7 +94,9 @@ class UpBlock(nn.Module):
         self.nonlinearity = nonlinear(nonlinearity)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        y: torch.Tensor = self.nonlinearity(self.conv(x))
+        conv = self.conv
+        is_wide = is_wanted(x, conv.weight)
+        y: torch.Tensor = self.nonlinearity(doubled(x, conv.weight, conv.bias) if is_wide else conv(x))
         return y
 
 

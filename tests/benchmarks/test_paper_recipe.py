@@ -1,5 +1,6 @@
 """The paper's recipe with its ablations: what each network is given, when it ends, and the table."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -38,8 +39,24 @@ def test_each_network_is_given_what_its_ablation_leaves():
     [([], False), ([3, 2, 1, 1.1], False), ([1, 2, 2, 2], True), ([3, 1, 2, 2, 0.9], False), ([3, 1, 2, 2, 1], True)],
 )
 def test_three_epochs_without_progress_are_the_end(losses, is_done):
-    learner = SimpleNamespace(epochs=[{"val_loss": loss} for loss in losses])
-    assert Learner.is_done.fget(learner) == is_done
+    learner = Learner("full", 0, OPTIONS)
+    learner.epochs = [{"val_loss": loss} for loss in losses]
+    assert learner.is_done == is_done
+
+
+def test_the_weights_of_the_best_epoch_are_kept(monkeypatch):
+    learner = Learner("no gradient", 1, OPTIONS)
+    assert learner.name == "no-gradient-1" and learner.best is None
+    parameter = next(learner.network.parameters())
+    for number, loss in enumerate((0.3, 0.2, math.nan, 0.4)):
+        torch.nn.init.constant_(parameter, number)
+        monkeypatch.setattr(learner, "measures", lambda _, loss=loss: {"val_loss": loss})
+        learner.end_epoch([])
+    assert learner.stopping.best_epoch == 2
+    assert torch.equal(next(iter(learner.best.values())), torch.ones_like(parameter))
+    again = Learner("no gradient", 1, OPTIONS)
+    again.restore(learner.state())
+    assert torch.equal(next(iter(again.best.values())), torch.ones_like(parameter)) and not again.is_done
 
 
 def test_an_epoch_has_its_own_samples_and_the_next_has_the_same():

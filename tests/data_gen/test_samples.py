@@ -169,3 +169,19 @@ def test_configurations_without_it_keep_their_fingerprint():
     assert "traced" not in plain.canonical()["noisy"]
     thinned = PhotonConfig(preset="paper", traced=1000)
     assert plain.fingerprint() != DatasetConfig(kind="updater", n_samples=8, noisy=thinned).fingerprint()
+
+
+@pytest.mark.parametrize("photons", [FEW, PhotonConfig(), PhotonConfig(preset="paper", n_photons=20_000, traced=6_000)])
+def test_gradients_for_several_denoisers_are_those_of_each_alone(photons):
+    """Also where a caller has switched gradients off."""
+    sampler = UpdaterSampler(config(noisy=photons), "cpu", shares_photons=True)
+    ids = [0, 1, 2]
+    heights, (start, _) = sampler.reliefs.true(ids), sampler.reliefs.perturbed(ids)
+    target = sampler.target(heights, ids)
+    denoisers = (None, torch.zeros_like, lambda images: images.roll(1, -1))
+    with torch.no_grad():
+        together = sampler.simulated.with_gradients(start, target, ids, denoisers)
+    for denoiser, pair in zip(denoisers, together, strict=True):
+        for ours, alone in zip(pair, sampler.simulated.with_gradient(start, target, ids, denoiser), strict=True):
+            torch.testing.assert_close(ours, alone, rtol=1e-4, atol=1e-6 * float(alone.abs().max()))
+    assert not torch.equal(together[0][1], together[1][1])
