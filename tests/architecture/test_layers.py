@@ -65,7 +65,7 @@ LAYERS = {
     ),
     "nets": (
         "config residual_config unrolling_config weights_file encoding replayed padding input_shapes symmetries"
-        " told told_scene flat_light seen_scene rounded_weights",
+        " told told_scene flat_light seen_scene rounded_weights wide_convolutions",
         "unet backbone told_maps",
         "denoiser updater direct_net unrolled_net",
         "architecture",

@@ -182,11 +182,12 @@ def line_cell(
     j: wp.int32,
     exponent: wp.float32,
     parabola: wp.float32,
+    edge: wp.float32,
     pitch: wp.vec2,
     samples: wp.int32,
     supersampling: wp.int32,
 ) -> LineCell:
-    """``LineCell`` of line k in row i and column j."""
+    """``LineCell`` of line k in row i and column j; from ``edge`` half widths on it has no height."""
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
     inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
@@ -205,11 +206,11 @@ def line_cell(
         gap = wp.vec2(nearest[0], nearest[1])
         distance = wp.length(gap)
         if sub < 0:
-            if distance > 0.5 * (width + pitch[0] + pitch[1]):
+            if distance > 0.5 * (edge * width + pitch[0] + pitch[1]):
                 break
-        elif distance < 0.5 * width + beyond:
+        elif distance < 0.5 * edge * width + beyond:
             section = wp.vec2(0.0, 0.0)
-            if distance < 0.5 * width:
+            if distance < 0.5 * edge * width:
                 section = line_section(exponent, parabola, 2.0 * distance / width)
             shape = section[0]
             slope = section[1]
@@ -234,6 +235,7 @@ def line_derivatives(
     lines: wp.array2d[wp.float32],
     exponent: wp.float32,
     parabola: wp.float32,
+    edge: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -244,7 +246,7 @@ def line_derivatives(
 ):
     """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]."""
     k, i, j = wp.tid()
-    found = line_cell(lines, k, i, j, exponent, parabola, wp.vec2(pitch_x, pitch_y), samples, supersampling)
+    found = line_cell(lines, k, i, j, exponent, parabola, edge, wp.vec2(pitch_x, pitch_y), samples, supersampling)
     heights[k, i, j] = found[0]
     for number in range(6):
         derivatives[k, number, i, j] = found[number + 1]
@@ -256,6 +258,7 @@ def line_derivatives_by_row(
     lines: wp.array2d[wp.float32],
     exponent: wp.float32,
     parabola: wp.float32,
+    edge: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -270,7 +273,7 @@ def line_derivatives_by_row(
     y = cell_point(i, 0, -1, supersampling, pitch, samples)[1]
     from_y = lines[k, 1] - y
     along_y = lines[k, 3] - lines[k, 1]
-    reach = 0.5 * lines[k, 4] + pitch_x + pitch_y
+    reach = 0.5 * edge * lines[k, 4] + pitch_x + pitch_y
     first = wp.float32(0.0)
     last = wp.float32(1.0)
     if wp.abs(along_y) > 1.0e-9:
@@ -289,7 +292,7 @@ def line_derivatives_by_row(
         low = wp.max(wp.int32(wp.floor((wp.min(x0, x1) - reach) / pitch_x + middle)), 0)
         high = wp.min(wp.int32(wp.ceil((wp.max(x0, x1) + reach) / pitch_x + middle)), samples)
         for j in range(low, high):
-            found = line_cell(lines, k, i, j, exponent, parabola, pitch, samples, supersampling)
+            found = line_cell(lines, k, i, j, exponent, parabola, edge, pitch, samples, supersampling)
             heights[k, i, j] = found[0]
             for number in range(6):
                 derivatives[k, number, i, j] = found[number + 1]

@@ -15,8 +15,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
+from nets.reconstruct.fibres.descent_numbers import DescentNumbers
 from warp_caustics.one_thread import one_thread
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.resampling import blur_matrices, blurred
@@ -245,7 +246,7 @@ class ImageFit:
                 if left < 1 or held_now.all() or (held is not None and np.array_equal(held_now, held)):
                     break
                 held = held_now
-                to_numbers, back = self._coordinates(descent.best.lines, start, with_section, beside, held)
+                to_numbers, back = self._coordinates(descent.best.lines, start, descent.numbers, beside, held)
                 objective = partial(_in_coordinates, descent, to_numbers, back, (value, gradient))
                 settings = {"maxiter": left, "maxfun": int(1.3 * left) + 2, "maxcor": 30, "ftol": CONVERGED}
                 here = np.zeros(int((~held).sum()))
@@ -255,21 +256,15 @@ class ImageFit:
             self.model.shape = descent.shape
         return descent.best
 
-    def rendered(self, lines: torch.Tensor, with_section: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        """Relief [m], shape [n, n], and its derivatives by all numbers of a descent, shape [P, n, n]."""
-        heights, derivatives = self.model.with_jacobian(lines)
-        if with_section:
-            derivatives = torch.cat([derivatives, self.model.by_shape(lines)])
-        return heights, derivatives
-
     def _coordinates(
-        self, lines: torch.Tensor, start: FloatArray, with_section: bool, beside: Beside | None, held: BoolArray
+        self, lines: torch.Tensor, start: FloatArray, numbers: DescentNumbers, beside: Beside | None, held: BoolArray
     ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
         """Coordinates in which Gauss-Newton's matrix of the scaled loss is the unit; and how gradients follow.
 
         Of all numbers but those that are held.
         """
-        heights, derivatives = self.rendered(lines, with_section)
+        heights, by_line = self.model.with_jacobian(lines)
+        derivatives = numbers.derivatives(lines, by_line)
         seen = self.metric.normal_matrix(heights, derivatives, beside).numpy()
         flat = derivatives.flatten(1)
         printed = np.zeros_like(seen)
@@ -320,32 +315,29 @@ class _Descent:
     """
 
     def __init__(self, fit: ImageFit, lines: torch.Tensor, with_section: bool, beside: Beside | None):
-        self.fit, self.with_section, self.beside = fit, with_section, beside
+        self.fit, self.beside = fit, beside
+        self.numbers = DescentNumbers(fit.model, len(lines), with_section)
         self.best = Fitted(lines, np.inf, np.zeros(0 if beside is None else len(beside.modes)))
         self.shape = fit.model.shape
-        self._low, self._high = fit.model.limits_of(len(lines), with_shape=with_section)
         self._gradient: FloatArray | None = None
 
     def at_best(self) -> tuple[FloatArray, float, FloatArray]:
         """Numbers of the best lines, shape [P + K], the scaled loss there and its gradient."""
         self.fit.model.shape = self.shape
         if self._gradient is None:
-            self(self._numbers())
+            self(self._at())
         assert self._gradient is not None  # any loss is below that of no evaluation
-        return self._numbers(), LOSS_SCALE * self.best.loss, self._gradient
+        return self._at(), LOSS_SCALE * self.best.loss, self._gradient
 
-    def _numbers(self) -> FloatArray:
-        shape = np.asarray(self.shape if self.with_section else (), dtype=np.float64)
-        return np.concatenate([self.best.lines.numpy().ravel(), shape, self.best.beside])
+    def _at(self) -> FloatArray:
+        return np.append(self.numbers.of(self.best.lines, self.shape), self.best.beside)
 
     def __call__(self, numbers: FloatArray) -> tuple[float, FloatArray]:
         """Scaled loss and its gradient by numbers, shape [P + K], which are brought into their ranges."""
-        model, lines, of_relief = self.fit.model, self.best.lines, len(self._low)
-        moved = model.clamped(torch.from_numpy(numbers[: lines.numel()].reshape(lines.shape)))
-        if self.with_section:
-            model.shape = Shape(*map(float, numbers[lines.numel() : of_relief])).clipped()
-        amplitudes = numbers[of_relief:]
-        heights, jacobian = self.fit.rendered(moved, self.with_section)
+        model, of_relief = self.fit.model, self.numbers.size
+        moved, amplitudes = self.numbers.put(numbers[:of_relief]), numbers[of_relief:]
+        heights, by_line = model.with_jacobian(moved)
+        jacobian = self.numbers.derivatives(moved, by_line)
         loss, by_height, by_amplitude = self.fit.with_gradient(heights, self.beside, amplitudes)
         by_number = (jacobian.flatten(1) @ by_height.reshape(-1)).double().cpu().numpy()
         gradient = LOSS_SCALE * np.append(by_number, by_amplitude)
@@ -358,9 +350,10 @@ class _Descent:
 
     def is_held(self, numbers: FloatArray, gradient: FloatArray) -> BoolArray:
         """Of numbers those at an end of their range that would go on outwards, shape [P + K]."""
-        of_relief = len(self._low)
+        of_relief = self.numbers.size
         at, by = numbers[:of_relief], gradient[:of_relief]
-        held = ((at <= self._low) & (by > 0)) | ((at >= self._high) & (by < 0))
+        low, high = self.numbers.ends(at)
+        held = ((at <= low) & (by > 0)) | ((at >= high) & (by < 0))
         return np.append(held, np.zeros(len(numbers) - of_relief, bool))
 
 

@@ -6,11 +6,12 @@ their height, but from far away a descent of all numbers would rather bend lines
 
 import torch
 
+from nets.reconstruct.fibres.descent_numbers import reshaped
 from nets.reconstruct.fibres.image_fit import ImageFit
-from warp_caustics.prints.model import WIDTH, Shape, half_height
+from warp_caustics.prints.model import Shape
 
-TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(0.35))
-"""Cosine, quarter cosine, parabola, ellipse, a bell and a box."""
+TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(8.0), Shape(0.35))
+"""Cosine, quarter cosine, parabola, ellipse, a bell, nearly a Gaussian, and a box."""
 OVERLAPS = (1.0, 0.35, 0.0)
 """Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is printed: one of
 these is near enough for descents to find what lies between."""
@@ -21,13 +22,6 @@ MORE_ITERATIONS = 15
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
-
-
-def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
-    """Lines of another section that are as wide at half their height, shape [L, 6] [m]."""
-    changed = lines.clone()
-    changed[:, WIDTH] *= half_height(shape) / half_height(new)
-    return changed
 
 
 def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = False) -> tuple[torch.Tensor, bool]:

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.fibres.descent_numbers import DescentNumbers, by_shape, numbers_of, reshaped, shape_of, share_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
-from nets.reconstruct.fibres.section import reshaped
 from warp_caustics.prints.line import section_height
-from warp_caustics.prints.model import LineModel, Shape, half_height, line_section
+from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -75,19 +75,96 @@ def test_lines_have_the_section_of_the_oracle(shape):
 
 @pytest.mark.parametrize("shape", [Shape(0.6), Shape(1.0), Shape(1.7), Shape(1.0, 0.3)])
 def test_derivatives_by_the_section(shape):
-    """Against the closed forms of a section that a cell's mean hardly changes."""
+    """Against differences of the oracle, of a section that a cell's mean hardly changes."""
     model = LineModel(SCENE, supersampling=1)
     model.shape = shape
     line, t = section_across(model)
-    found = model.by_shape(line)[:, :, N // 2].double().numpy()
-    inside = np.clip(t, 0, 1 - 1e-9)
-    cosine2, parabola = np.cos(np.pi / 2 * inside) ** 2, 1 - inside**2
-    base, height = (1 - shape.parabola) * cosine2 + shape.parabola * parabola, float(line[0, 5])
-    by_exponent = np.where(t < 1, height * base**shape.exponent * np.log(base), 0.0)
-    by_parabola = np.where(t < 1, height * shape.exponent * base ** (shape.exponent - 1) * (parabola - cosine2), 0.0)
-    np.testing.assert_allclose(found[0], by_exponent, atol=4e-3 * np.abs(by_exponent).max())
-    np.testing.assert_allclose(found[1], by_parabola, atol=3e-2 * np.abs(by_parabola).max())
+    found = by_shape(model, line)[:, :, N // 2].double().numpy()
+    numbers, height = numbers_of(shape), float(line[0, 5])
+
+    def section(number, value):
+        """As wide at half its height as the model's."""
+        other = shape_of([*numbers[:number], value, *numbers[number + 1 :]])
+        return height * line_section(other, t * half_height(other) / half_height(shape))
+
+    for number, step in ((0, 1e-4), (1, 0.02)):
+        low, high = max(numbers[number] - step, 0.0), numbers[number] + step
+        expected = (section(number, high) - section(number, low)) / (high - low)
+        np.testing.assert_allclose(found[number], expected, atol=5e-3 * np.abs(expected).max())
     assert model.shape == shape
+
+
+@pytest.mark.parametrize("shape", [Shape(0.5), Shape(1.7, 0.3, 0.6), Shape(8.0, 0.2), Shape(0.5, 1.0)])
+@pytest.mark.parametrize("with_section", [False, True])
+def test_numbers_of_a_descent_and_back(shape, with_section):
+    model = model_of(*shape)
+    numbers = DescentNumbers(model, len(LINES), with_section)
+    at = numbers.of(LINES, shape)
+    assert at.shape == (numbers.size,) == (12 + 3 * with_section,)
+    torch.testing.assert_close(numbers.put(at), LINES)
+    np.testing.assert_allclose(model.shape, shape, rtol=1e-12)
+    low, high = numbers.ends(at)
+    assert (low <= at + 1e-12).all() and (at <= high + 1e-12).all() and (low < high).all()
+    np.testing.assert_allclose(model.shape, shape, rtol=1e-12)
+
+
+def test_a_section_moves_lines_that_stay_as_wide_at_half_their_height():
+    model = model_of(1.0)
+    numbers = DescentNumbers(model, len(LINES), True)
+    at = numbers.of(LINES, Shape())
+    at[12] = share_of(16.0)
+    wide = numbers.put(at)
+    assert model.shape.exponent == pytest.approx(16.0)
+    torch.testing.assert_close(wide, reshaped(LINES, Shape(), model.shape))
+    at[12] = 1.2
+    numbers.put(at)
+    assert model.shape.exponent == SHAPE_LIMITS[1].exponent, "a Gaussian, nearly"
+    low, high = numbers.ends(at)
+    assert at[12] > high[12] and low[12] == share_of(SHAPE_LIMITS[0].exponent)
+
+
+@pytest.mark.parametrize("number", [4, 10, 12, 13, 14])
+@pytest.mark.parametrize("shape", [Shape(1.7, 0.3, 0.6), Shape(8.0, 0.2, 0.5)])
+def test_derivatives_by_the_numbers_of_a_descent(shape, number):
+    model = LineModel(SCENE, supersampling=8)
+    model.shape = shape
+    numbers = DescentNumbers(model, len(LINES), True)
+    at, by_line = numbers.of(LINES, shape), model.with_jacobian(LINES)[1]
+    found = numbers.derivatives(LINES, by_line)[number]
+    step, ends = (2e-6 if number < 12 else 0.00125 if number == 12 else 0.02), []
+    for sign in (-1, 1):
+        moved = at.copy()
+        moved[number] += sign * step
+        ends.append(model.heights(numbers.put(moved)))
+    difference = (ends[1] - ends[0]) / (2 * step)
+    assert float((found - difference).norm()) < 0.01 * float(difference.norm())
+
+
+def test_a_gaussian_is_found_from_a_cosine():
+    """A section that the family has as its limit only: within 0.2 % of the crowns."""
+    model, widths = LineModel(SCENE), LINES[:, 4] / 2
+    truth = gaussian_lines(LINES, widths)
+    simulated = CausticSimulator(SCENE)(truth).numpy()
+    noise = np.random.default_rng(0).standard_normal(simulated.shape)
+    image = CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    found = fit.descend(LINES + OFF / 2, 60, with_section=True)
+    assert model.shape.exponent > 8
+    assert 1e6 * float((model.heights(found.lines) - truth).square().mean().sqrt()) < 1.0
+
+
+def gaussian_lines(lines, widths_m):
+    """Relief [m], shape [N, N], of lines whose section is a Gaussian, as wide at half its height as told [m]."""
+    fine = 4
+    at = [((np.arange(fine * N) + 0.5) / (fine * N) - 0.5) * size for size in SCENE.plate_size_m]
+    relief = np.zeros((fine * N, fine * N))
+    for row, width in zip(lines.numpy(), widths_m.numpy(), strict=True):
+        start, along = row[:2], row[2:4] - row[:2]
+        x, y = at[0][None, :] - start[0], at[1][:, None] - start[1]
+        share = np.clip((x * along[0] + y * along[1]) / (along @ along), 0, 1)
+        squared = (x - share * along[0]) ** 2 + (y - share * along[1]) ** 2
+        relief += row[5] * np.exp(-4 * np.log(2) * squared / width**2)
+    return torch.from_numpy(relief.reshape(N, fine, N, fine).mean((1, 3)).astype(np.float32))
 
 
 @pytest.mark.parametrize("shape", [Shape(0.7), Shape(1.6), Shape(1.0, 1.0), Shape(0.8, 0.5)])
@@ -186,7 +263,7 @@ def test_descents_pass_ends_of_ranges(shape):
     image = CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
     model.shape = Shape()
     fit = ImageFit(SCENE, image, model, 2 * N)
-    found = fit.descend(MANY + OFF / 2, 60, with_section=True)
+    found = fit.descend(model.clamped(reshaped(MANY + OFF / 2, shape, Shape())), 60, with_section=True)
     assert 1e6 * float((model.heights(found.lines) - truth).square().mean().sqrt()) < 2.5
     assert fit.loss(model.heights(found.lines)) == pytest.approx(found.loss, rel=1e-6), "left at its best"
 

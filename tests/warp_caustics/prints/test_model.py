@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from warp_caustics.prints.line import SECTIONS, line_relief
-from warp_caustics.prints.model import LineModel, lines_of, rows_of
+from warp_caustics.prints.model import LineModel, Shape, half_height, line_section, lines_of, rows_of, section_edge
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
@@ -44,7 +44,37 @@ def test_no_lines():
 def test_limits():
     wild = 1e-3 * torch.tensor([[100.0, -100.0, 0.0, 0.0, 9.0, -1.0]], dtype=torch.float64)
     clamped = LineModel(SCENE).clamped(wild)[0]
-    assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 4.5e-3, 1e-5])
+    assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 5e-3, 1e-5])
+
+
+def test_the_widest_line_is_told_by_its_width_at_half_its_height():
+    """A Gaussian is wide at its foot; an ellipse, which is wide at half its height, may be as wide as a cosine."""
+    wild = 1e-3 * torch.tensor([[0.0, 0.0, 5.0, 0.0, 90.0, 1.0]], dtype=torch.float64)
+    model = LineModel(SCENE)
+    for shape, widest in ((Shape(16.0), 2.5e-3 / half_height(Shape(16.0))), (Shape(0.5, 1.0), 5e-3)):
+        model.shape = shape
+        assert float(model.clamped(wild)[0, 4]) == pytest.approx(widest)
+
+
+@pytest.mark.parametrize("shape", [Shape(1.0, 0.5), Shape(2.0), Shape(16.0, 1.0), Shape(64.0, 0.3)])
+def test_a_section_ends_where_it_has_faded(shape):
+    edge = section_edge(shape)
+    beyond = np.linspace(edge, 1, 50)
+    assert line_section(shape, beyond).max() <= 1.01e-6 and 0.2 < edge <= 1
+    model = LineModel(SCENE)
+    model.shape = shape
+    line = LINES[:1].clone()
+    line[0, 4] /= 2 * half_height(shape)
+    faded = model.heights(line)
+    columns, rows = (
+        ((np.arange(4 * 64) + 0.5) / (4 * 64) - 0.5).reshape(axes) * size
+        for axes, size in zip(((1, 1, 64, 4), (64, 4, 1, 1)), SCENE.plate_size_m, strict=True)
+    )
+    start, along = line[0, :2].numpy(), (line[0, 2:4] - line[0, :2]).numpy()
+    share = np.clip(((columns - start[0]) * along[0] + (rows - start[1]) * along[1]) / (along @ along), 0, 1)
+    gap = np.hypot(columns - start[0] - share * along[0], rows - start[1] - share * along[1])
+    relief = float(line[0, 5]) * line_section(shape, 2 * gap / float(line[0, 4])).mean(axis=(1, 3))
+    np.testing.assert_allclose(faded, relief, atol=2e-8)
 
 
 def test_a_step_goes_as_far_as_derivatives_tell_and_the_limits_allow():
