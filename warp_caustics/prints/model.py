@@ -99,7 +99,7 @@ class Limits:
     """
 
     reach: float = 1.08
-    width_m: tuple[float, float] = (8e-5, 5e-3)
+    width_m: tuple[float, float] = (8e-5, 4.5e-3)
     height_m: tuple[float, float] = (1e-5, 2.6e-3)
 
 

@@ -44,14 +44,14 @@ def test_no_lines():
 def test_limits():
     wild = 1e-3 * torch.tensor([[100.0, -100.0, 0.0, 0.0, 9.0, -1.0]], dtype=torch.float64)
     clamped = LineModel(SCENE).clamped(wild)[0]
-    assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 5e-3, 1e-5])
+    assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 4.5e-3, 1e-5])
 
 
 def test_the_widest_line_is_told_by_its_width_at_half_its_height():
     """A Gaussian is wide at its foot; an ellipse, which is wide at half its height, may be as wide as a cosine."""
     wild = 1e-3 * torch.tensor([[0.0, 0.0, 5.0, 0.0, 90.0, 1.0]], dtype=torch.float64)
     model = LineModel(SCENE)
-    for shape, widest in ((Shape(16.0), 2.5e-3 / half_height(Shape(16.0))), (Shape(0.5, 1.0), 5e-3)):
+    for shape, widest in ((Shape(16.0), 2.25e-3 / half_height(Shape(16.0))), (Shape(0.5, 1.0), 4.5e-3)):
         model.shape = shape
         assert float(model.clamped(wild)[0, 4]) == pytest.approx(widest)
 
