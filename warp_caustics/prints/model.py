@@ -43,8 +43,8 @@ class Shape(NamedTuple):
     """What all lines of a print have in common: their section and what is printed where they cross.
 
     The section is ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g with t = 2 r / w: cosines and parabolas of any power, with
-    the ellipse (p = 1, g = 0.5), and what lies between. Gaussians are within 0.15 % of their crown (root mean square,
-    g = 16, and a width that is mostly tail), circular caps of 25, 55 and 70 degrees within 0.1, 0.6 and 0.8 %. A p
+    the ellipse (p = 1, g = 0.5), and what lies between. Gaussians are within 0.03 % of their crown (root mean square,
+    g = 64, and a width that is mostly tail), circular caps of 25, 55 and 70 degrees within 0.1, 0.6 and 0.8 %. A p
     above 1 would be nearer to caps (0.02, 0.2 and 0.9 %), and descents from a cosine to an ellipse would end there.
     """
 
