@@ -9,8 +9,10 @@ blocks so while they learn (docs/training.md has the times). Weights keep the sh
 import torch
 from torch.nn import functional
 
-MANY = 32
-"""From so many channels on a multiple of them is faster than one of 8, though up to a fifth more is computed."""
+MULTIPLES = (32, 8)
+"""Of channels: 64 in place of 54 are twice as fast on an H100, 56 once and a half."""
+MOST_ADDED = 1.2
+"""Times the channels, at most, for the larger multiple: what is added is computed, too."""
 
 
 def is_wanted(x: torch.Tensor, weight: torch.Tensor) -> bool:
@@ -21,8 +23,8 @@ def is_wanted(x: torch.Tensor, weight: torch.Tensor) -> bool:
 
 def round_channels(channels: int) -> int:
     """The next number of channels that tensor cores are fast with."""
-    multiple = 8 if channels <= MANY else MANY
-    return -(-channels // multiple) * multiple
+    larger, smaller = (-(-channels // multiple) * multiple for multiple in MULTIPLES)
+    return larger if larger <= MOST_ADDED * channels else smaller
 
 
 def widened(x: torch.Tensor) -> torch.Tensor:

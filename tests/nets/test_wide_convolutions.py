@@ -25,7 +25,7 @@ def test_strided_kernels_are_kernels_over_blocks(kernel):
     torch.testing.assert_close(doubled(x, back, bias), straight, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize(("channels", "wide"), [(1, 8), (8, 8), (24, 24), (32, 32), (33, 64), (54, 64), (96, 96)])
+@pytest.mark.parametrize(("channels", "wide"), [(1, 8), (8, 8), (24, 24), (32, 32), (33, 40), (54, 64), (96, 96)])
 def test_channels_become_a_multiple_and_the_added_are_empty(channels, wide):
     assert round_channels(channels) == wide
     x = torch.ones(1, channels, 2, 2)
