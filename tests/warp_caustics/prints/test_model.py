@@ -48,12 +48,16 @@ def test_limits():
 
 
 def test_the_widest_line_is_told_by_its_width_at_half_its_height():
-    """A Gaussian is wide at its foot; an ellipse, which is wide at half its height, may be as wide as a cosine."""
+    """A Gaussian is wide at its foot, and may be 1.2 times as wide at half its height as a cosine; an ellipse, which is
+    wide there, may be as wide as a cosine at its foot."""
     wild = 1e-3 * torch.tensor([[0.0, 0.0, 5.0, 0.0, 90.0, 1.0]], dtype=torch.float64)
     model = LineModel(SCENE)
-    for shape, widest in ((Shape(16.0), 2.25e-3 / half_height(Shape(16.0))), (Shape(0.5, 1.0), 4.5e-3)):
+    for shape, at_half in ((Shape(64.0, 0.3), 1.2 * 2.25e-3), (Shape(), 2.25e-3)):
         model.shape = shape
-        assert float(model.clamped(wild)[0, 4]) == pytest.approx(widest)
+        assert float(model.clamped(wild)[0, 4]) * half_height(shape) == pytest.approx(at_half, rel=0.02)
+    for shape in (Shape(0.5), Shape(0.5, 1.0)):
+        model.shape = shape
+        assert float(model.clamped(wild)[0, 4]) == pytest.approx(4.5e-3)
 
 
 @pytest.mark.parametrize("shape", [Shape(1.0, 0.5), Shape(2.0), Shape(16.0, 1.0), Shape(64.0, 0.3)])
