@@ -73,7 +73,7 @@ class Engine:
         self._axes: dict[Chunk, torch.Tensor] = {}
         self._lattices: dict[Chunk, Any] = {}
         self._replays = Replays()
-        self._least, self._most = self._tensor(-0.999 * scene.base_thickness_m), self._tensor(1.0)
+        self._ends = -0.999 * scene.base_thickness_m, 1.0
 
     def _tensor(self, values: Any) -> torch.Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -126,9 +126,11 @@ class Engine:
         """From height samples to spline coefficients along one axis, shape [n + 4, n]."""
         return self.spline.prefilter
 
-    def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
-        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
+    def coefficients(self, heights: torch.Tensor, *, is_guarded: bool = False) -> torch.Tensor:
+        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]; of possible ones if guarded."""
         spline = self.spline
+        if is_guarded:
+            return spline.coefficients(heights, self._ends)
         if self.rows is not None and not spline.by_blocks:
             return self.rows.filtered(heights, spline.prefilter, spline.prefilter_transposed, self.optics)
         return spline.coefficients(heights)
@@ -318,12 +320,13 @@ class Engine:
                 such comes an image that means nothing.
             extremes: on a GPU, asked for the heights' before the simulation begins; always the same ones.
         """
-        if extremes is None:
-            return self._replays("image", self._image, heights) if self._is_small(heights) else self._image(heights)
-        if self._is_small(heights):
-            return self._replays("guarded", self._guarded_image, heights, before=(extremes.begin, extremes.mark))
-        extremes.find(heights)
-        return self._guarded_image(heights)
+        total = self._total if extremes is None else self._guarded_total
+        if not self._is_small(heights):
+            if extremes is not None:
+                extremes.find(heights)
+            return self._unpacked(total(heights))
+        beside = None if extremes is None else (extremes.begin, extremes.mark)
+        return self._replays(total.__name__, total, heights, beside=beside, finish=self._unpacked)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
@@ -335,18 +338,22 @@ class Engine:
         """Whether starting the launches one by one would take longer than running them."""
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
-    def _image(self, heights: torch.Tensor) -> torch.Tensor:
-        return self.image_of(self.coefficients(heights))
+    def _total(self, heights: torch.Tensor) -> torch.Tensor:
+        return self._total_of(self.coefficients(heights))
 
-    def _guarded_image(self, heights: torch.Tensor) -> torch.Tensor:
+    def _guarded_total(self, heights: torch.Tensor) -> torch.Tensor:
         """The same of heights that may be anything: kernels are not told what is no number."""
-        return self._image(heights.fmax(self._least).fmin(self._most))
+        return self._total_of(self.coefficients(heights, is_guarded=True))
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         return self.adjoint_of(self.coefficients(heights), grad_image)
 
     def image_of(self, coefficients: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of :meth:`coefficients`; launches one by one."""
+        return self._unpacked(self._total_of(coefficients))
+
+    def _total_of(self, coefficients: torch.Tensor) -> torch.Tensor:
+        """What all photons bring, as :meth:`_unpacked` takes it."""
         if self.rows is not None:
             return self.rows.image(coefficients, self.fused_photons, self.optics)
         fused = self.fused
@@ -354,7 +361,10 @@ class Engine:
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add, fused.sum_dtype))
+        return self._sum(fused.image_shape(coefficients.shape[0]), add, fused.sum_dtype)
+
+    def _unpacked(self, total: torch.Tensor) -> torch.Tensor:
+        return total if self.rows is not None else self.fused.unpacked(total)
 
     def adjoint_of(self, coefficients: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights whose :meth:`coefficients` these are; likewise."""

@@ -4,21 +4,31 @@ Small reliefs by products with whole matrices. Those would cost the cube of the 
 larger ones go by blocks (``banded.py``).
 """
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 import torch
+import warp as wp
 
 from warp_caustics.banded import Banded, banded
-from warp_caustics.height_field import MARGIN, basis_matrix, prefilter_matrix, sample_coordinate
-from warp_caustics.kernels import MAP_NAMES
+from warp_caustics.chunked import warp_array, warp_stream
+from warp_caustics.height_field import MARGIN, PREFILTER_REACH, basis_matrix, prefilter_matrix, sample_coordinate
+from warp_caustics.kernels import MAP_NAMES, dtype_of
+from warp_caustics.kernels.prefilter import prefilter_kernels
 from warp_caustics.lattice_adjoint import LatticeAdjoint
 from warp_caustics.photons import Chunk, PhotonPlan
 from warp_caustics.types import FloatArray
 
 MAX_WHOLE_SAMPLES = 512
 """Reliefs of at most so many samples along an axis go by whole matrices."""
+
+GPU_REACH = {torch.float32: 16, torch.float64: PREFILTER_REACH}
+"""Of the prefilter there: beyond 16 samples all entries together are 1e-9, which float32 does not show."""
+
+EVERYTHING = (-math.inf, math.inf)
+"""Heights that may be."""
 
 _ORDERS_Y, _ORDERS_X = (0, 0, 1, 0, 1, 2), (0, 1, 0, 2, 1, 0)
 """Derivatives along both axes that the six maps are (MAP_NAMES)."""
@@ -55,17 +65,63 @@ class SplineStage:
         """The same, transposed and contiguous."""
         return self.prefilter.T.contiguous()
 
-    def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
-        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
+    def coefficients(self, heights: torch.Tensor, ends: tuple[float, float] = EVERYTHING) -> torch.Tensor:
+        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m].
+
+        Args:
+            heights: of the relief; those beyond the ends are taken for these, what is no number for the first.
+            ends: lowest and highest that there can be [m].
+        """
+        if heights.is_cuda and not self.by_blocks:
+            return self.filtered(heights, self.prefilter, self.prefilter_transposed, ends)
+        if ends != EVERYTHING:
+            heights = heights.nan_to_num(nan=ends[0]).clamp(*ends)
         if self.by_blocks:
             return self._prefilter_blocks.transposed_after(self._prefilter_blocks.times(heights))
         return self.prefilter @ heights @ self.prefilter.T
 
     def coefficients_adjoint(self, grad: torch.Tensor) -> torch.Tensor:
-        """Adjoint of :meth:`coefficients`."""
+        """Adjoint of :meth:`coefficients`, of heights within the ends."""
         if self.by_blocks:
             return self._prefilter_blocks.transposed_times(self._prefilter_blocks.after(grad))
+        if grad.is_cuda:
+            return self.filtered(grad, self.prefilter_transposed, self.prefilter)
         return self.prefilter.T @ grad @ self.prefilter
+
+    def filtered(
+        self,
+        planes: torch.Tensor,
+        matrix: torch.Tensor,
+        transposed: torch.Tensor,
+        ends: tuple[float, float] = EVERYTHING,
+    ) -> torch.Tensor:
+        """matrix [R, K] @ planes [B, K, K] @ transposed [K, R] as a GPU does it: no farther than the filter reaches.
+
+        Args:
+            planes: brought within the ends.
+            matrix: the prefilter or its transpose.
+            transposed: its transpose, contiguous.
+            ends: least and most.
+        """
+        kernels, device = prefilter_kernels(dtype_of(torch.finfo(planes.dtype).bits)), str(planes.device)
+        batch, (rows, inner), reach = len(planes), matrix.shape, GPU_REACH[planes.dtype]
+        half_way, found = planes.new_empty(batch, rows, inner), planes.new_empty(batch, rows, rows)
+        with warp_stream(planes.device):
+            wp.launch(
+                kernels.filter_columns,
+                dim=half_way.shape,
+                inputs=[warp_array(matrix), warp_array(planes.contiguous()), reach, *ends],
+                outputs=[warp_array(half_way)],
+                device=device,
+            )
+            wp.launch(
+                kernels.filter_rows,
+                dim=found.shape,
+                inputs=[warp_array(half_way), warp_array(transposed), reach],
+                outputs=[warp_array(found)],
+                device=device,
+            )
+        return found
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk) -> torch.Tensor:
         """Surface maps [B, 6, rows, columns] (MAP_NAMES) of a chunk of the lattice."""

@@ -7,6 +7,7 @@ from warp_caustics.kernels.effects import Effects
 from warp_caustics.kernels.fused import fused_kernels, unpack_kernel
 from warp_caustics.kernels.fused_adjoint import fused_adjoint_kernels
 from warp_caustics.kernels.lattice_surface import lattice_adjoint_kernels
+from warp_caustics.kernels.prefilter import prefilter_kernels
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.kernels.surface_adjoint import surface_adjoint_kernel
 
@@ -24,6 +25,7 @@ KERNELS = {
     "packed image": lambda: unpack_kernel(wp.float32),
     "scattered photons": lambda: surface_adjoint_kernel(wp.float32, False),
     "lattice": lambda: lattice_adjoint_kernels(wp.float32).gather_along_y,
+    "prefilter": lambda: prefilter_kernels(wp.float32).filter_columns,
 }
 
 

@@ -40,6 +40,29 @@ def test_coefficients_and_their_adjoint(monkeypatch):
         assert_close(other.coefficients_adjoint(grad), whole.coefficients_adjoint(grad))
 
 
+@pytest.mark.parametrize(("dtype", "exact"), [(torch.float64, 1e-12), (torch.float32, 1e-6)])
+def test_kernels_of_a_gpu_look_as_far_as_they_must(monkeypatch, dtype, exact):
+    """Both ways, which on a GPU take the place of products with whole matrices."""
+    spline = engine(monkeypatch, False).spline
+    for matrix, other, planes in (
+        (spline.prefilter, spline.prefilter_transposed, noise(2, N, N)),
+        (spline.prefilter_transposed, spline.prefilter, noise(2, N + 4, N + 4)),
+    ):
+        found = spline.filtered(planes.to(dtype), matrix.to(dtype), other.to(dtype)).double()
+        expected = matrix @ planes @ other
+        assert float((found - expected).abs().max()) <= exact * float(expected.abs().max())
+
+
+def test_kernels_of_a_gpu_bring_heights_within_their_ends(monkeypatch):
+    """What is no number becomes the lowest: as torch does it before the product."""
+    spline = engine(monkeypatch, False).spline
+    heights = noise(1, N, N)
+    heights[0, 3, 4], heights[0, 50, 60], heights[0, 7, 7] = float("nan"), float("inf"), -float("inf")
+    found = spline.filtered(heights, spline.prefilter, spline.prefilter_transposed, (-0.5, 1.0))
+    assert_close(found, spline.coefficients(heights.nan_to_num(nan=-0.5).clamp(-0.5, 1.0)))
+    assert_close(found, spline.coefficients(heights, (-0.5, 1.0)))
+
+
 def test_maps_of_a_lattice_and_their_adjoint(monkeypatch):
     """Of a chunk that begins within the lattice."""
     blocks, whole = engine(monkeypatch, True), engine(monkeypatch, False)
