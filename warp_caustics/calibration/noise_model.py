@@ -63,22 +63,22 @@ def fitted_variance(parts: torch.Tensor, residuals: torch.Tensor, counts: torch.
         residuals: image less model [W/m^2], shape [C, H, W].
         counts: whether a pixel counts, shape [C, H, W], bool.
     """
-    found = []
+    found = torch.empty_like(parts[0])
     for channel in range(parts.shape[1]):
         use = counts[channel]
-        columns = parts[:, channel][:, use].cpu().numpy()
-        square = residuals[channel][use].cpu().numpy() ** 2
-        scale = np.maximum(columns.mean(1), 1e-300)
-        variance = first_variance(parts[:, channel : channel + 1])[0][use].cpu().numpy()
-        variance = variance * max(np.median(square) / 0.4549 / max(np.median(variance), 1e-300), 1e-12)
-        solution = np.zeros(4)
+        columns, square = parts[:, channel, use], residuals[channel, use].square()
+        scale = columns.mean(1, keepdim=True).clamp_min(1e-300)
+        variance = first_variance(columns)
+        variance = variance * (square.median() / 0.4549 / variance.median().clamp_min(1e-300)).clamp_min(1e-12)
+        least, solution = LEAST**2 * columns[0], torch.zeros_like(scale)
         for _ in range(ROUNDS):
-            cut = np.minimum(square, CLIP**2 * variance) / KEPT
-            weighted = columns / scale[:, None] / variance
-            normal, right = weighted @ weighted.T, weighted @ (cut / variance)
+            cut = torch.minimum(square, CLIP**2 * variance) / KEPT
+            weighted = columns / scale / variance
+            normal, right = (weighted @ weighted.T).cpu().numpy(), (weighted @ (cut / variance)).cpu().numpy()
             factor = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(4))
-            solution = scipy.optimize.nnls(factor.T, np.linalg.solve(factor, right))[0] / scale
-            variance = np.maximum(solution @ columns, LEAST**2 * columns[0])
-        whole = np.tensordot(solution, parts[:, channel].cpu().numpy(), 1)
-        found.append(np.maximum(whole, LEAST**2 * parts[0, channel].cpu().numpy()))
-    return torch.as_tensor(np.stack(found), dtype=parts.dtype, device=parts.device)
+            amounts, _ = scipy.optimize.nnls(factor.T, np.linalg.solve(factor, right))
+            solution = torch.from_numpy(amounts).to(scale)[:, None] / scale
+            variance = torch.maximum((solution * columns).sum(0), least)
+        whole = torch.tensordot(solution[:, 0], parts[:, channel], 1)
+        found[channel] = torch.maximum(whole, LEAST**2 * parts[0, channel])
+    return found
