@@ -5,9 +5,10 @@ import numpy.typing as npt
 import scipy  # loads its parts when they are first used
 
 from warp_caustics.prints.model import Shape, half_height
-from warp_caustics.types import FloatArray
+from warp_caustics.types import FloatArray, IntArray
 
 ANGLES = 24
+"""Directions of half a turn; an even number, so that across each of them lies another one."""
 FOLLOWED_STEPS = 100
 """Steps of half a sample along which a ridge is followed, each way."""
 RIDGE_END_SHARE = 0.45
@@ -15,6 +16,13 @@ RIDGE_END_SHARE = 0.45
 COSINE = Shape()
 STARTS_APART = 6.0
 """Distance of the starts of different proposals [samples]."""
+OTHER_DIRECTION = 0.2
+"""Angle from which on a direction is another one than the best."""
+LOW_OF_RIDGE = 0.3
+"""Quantile of the heights along a ridge that is taken for the line's own: others lie on top in places."""
+
+_ANGLES = np.arange(ANGLES) * np.pi / ANGLES
+_STEPS = np.arange(-FOLLOWED_STEPS, FOLLOWED_STEPS + 1) / 2
 
 
 def proposed_lines(
@@ -34,63 +42,52 @@ def proposed_lines(
     smooth = scipy.ndimage.gaussian_filter(residual_m, 0.7)
     free = smooth.copy()
     rows, columns = np.ogrid[: len(smooth), : smooth.shape[1]]
-    wider = 1 / half_height(shape)
-    lines: list[list[float]] = []
+    tops: list[tuple[int, int]] = []
     for _ in range(count):
         i, j = (int(k) for k in np.unravel_index(int(free.argmax()), free.shape))
         if free[i, j] <= 0:
             break
-        lines += _through(smooth, i, j, plate_size_m, wider)
+        tops.append((i, j))
         free[(rows - i) ** 2 + (columns - j) ** 2 < STARTS_APART**2] = -1.0
-    return np.array(lines).reshape(-1, 6)
+    if not tops:
+        return np.zeros((0, 6))
+    return _through(smooth, np.array(tops), plate_size_m, 1 / half_height(shape))
 
 
-def _through(smooth: FloatArray, i: int, j: int, plate_size_m: tuple[float, float], wider: float) -> list[list[float]]:
-    """The two best directions of a ridge through a sample; lines are ``wider`` than at half their height."""
-    n, top = len(smooth), smooth[i, j]
+def _through(smooth: FloatArray, tops: IntArray, plate_size_m: tuple[float, float], wider: float) -> FloatArray:
+    """The two best directions of a ridge through each of the samples [K, 2]; lines [2 K, 6] are ``wider`` than there."""
+    n = len(smooth)
     pitch_x, pitch_y = (size / n for size in plate_size_m)
     pitch = (pitch_x + pitch_y) / 2
-    steps = np.arange(-FOLLOWED_STEPS, FOLLOWED_STEPS + 1) / 2
-    angles = np.arange(ANGLES) * np.pi / ANGLES
     # Directions in samples: of a plate that is not square they are a little off, the fit turns them.
-    dx, dy = np.cos(angles)[:, None] * steps, np.sin(angles)[:, None] * steps
-    along = scipy.ndimage.map_coordinates(smooth, [i + dy, j + dx], order=1, mode="constant", cval=-1.0)
-    across = scipy.ndimage.map_coordinates(smooth, [i + dx, j - dy], order=1, mode="constant", cval=-1.0)
-    runs, runs_across = _runs(along > RIDGE_END_SHARE * top), _runs(across > 0.5 * top)
-    found = []
-    for k, (angle, (first, last), (low, high)) in enumerate(zip(angles, runs, runs_across, strict=True)):
-        # Counted in steps, equally long ridges are equal; lengths would be rounded.
-        found.append(
-            (
-                last - first - (high - low),
-                angle,
-                steps[first] * pitch,
-                steps[last] * pitch,
-                (high - low) * pitch / 2,
-                along[k, first : last + 1],
-            )
-        )
-    found.sort(key=lambda candidate: candidate[:2], reverse=True)
-    kept = [found[0]]
-    kept += [f for f in found if min(abs(f[1] - kept[0][1]), np.pi - abs(f[1] - kept[0][1])) > 0.2][:1]
-    x, y = (j + 0.5) * pitch_x - plate_size_m[0] / 2, (i + 0.5) * pitch_y - plate_size_m[1] / 2
-    return [
-        [
-            x + low * np.cos(angle),
-            y + low * np.sin(angle),
-            x + high * np.cos(angle),
-            y + high * np.sin(angle),
-            float(np.clip(wider * width, 2e-4, 4e-3)),
-            max(float(np.quantile(ridge, 0.3)), 3e-5),
-        ]
-        for _, angle, low, high, width, ridge in kept
-    ]
+    at = tops.T[:, :, None, None] + np.stack([np.sin(_ANGLES), np.cos(_ANGLES)])[:, None, :, None] * _STEPS
+    along = scipy.ndimage.map_coordinates(smooth, at, order=1, mode="constant", cval=-1.0)
+    height = smooth[tuple(tops.T)][:, None, None]
+    first, last = _runs(along > RIDGE_END_SHARE * height)
+    # Across a direction lies the one at a right angle to it, which is another of them.
+    low, high = _runs(along > 0.5 * height)
+    across = np.roll(high - low, ANGLES // 2, axis=1)
+    # Counted in steps, equally long ridges are equal; lengths would be rounded.
+    longer = last - first - across
+    lines = []
+    for k, top in enumerate(tops):
+        found = np.lexsort((_ANGLES, longer[k]))[::-1]
+        turned = np.abs(_ANGLES[found] - _ANGLES[found[0]])
+        others = found[np.minimum(turned, np.pi - turned) > OTHER_DIRECTION]
+        x, y = (top[::-1] + 0.5) * (pitch_x, pitch_y) - np.array(plate_size_m) / 2
+        for angle in (found[0], *others[:1]):
+            ends = _STEPS[[first[k, angle], last[k, angle]]] * pitch
+            ridge = np.sort(along[k, angle, first[k, angle] : last[k, angle] + 1])
+            typical = np.interp(LOW_OF_RIDGE * (len(ridge) - 1), np.arange(len(ridge)), ridge)
+            width = np.clip(wider * (across[k, angle] * pitch / 2), 2e-4, 4e-3)
+            turn = np.cos(_ANGLES[angle]), np.sin(_ANGLES[angle])
+            lines.append([*(np.array([x, y]) + ends[:, None] * turn).ravel(), width, max(typical, 3e-5)])
+    return np.array(lines)
 
 
-def _runs(is_high: npt.NDArray[np.bool_]) -> list[list[int]]:
-    """First and last index of the run of True around the middle of each row; of rows [K, N], a list of K pairs."""
-    middle = is_high.shape[1] // 2
-    before = np.minimum.accumulate(is_high[:, :middle][:, ::-1], axis=1).sum(axis=1)
-    after = np.minimum.accumulate(is_high[:, middle + 1 :], axis=1).sum(axis=1)
-    pairs: list[list[int]] = np.stack([middle - before, middle + after], axis=1).tolist()
-    return pairs
+def _runs(is_high: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """First and last index of the run of True around the middle of the last axis, shape of the others."""
+    middle = is_high.shape[-1] // 2
+    before = np.minimum.accumulate(is_high[..., :middle][..., ::-1], axis=-1).sum(axis=-1)
+    after = np.minimum.accumulate(is_high[..., middle + 1 :], axis=-1).sum(axis=-1)
+    return middle - before, middle + after
