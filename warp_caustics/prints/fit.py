@@ -6,6 +6,7 @@ network that finds reliefs is right to a few micrometres nearly everywhere and w
 cross; the Geman-McClure loss z^2 / (1 + z^2) gives such places up, one unit each.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from warp_caustics.prints.overlap import share
 CONVERGED = 1e-4
 """Part of the loss; a step that gains less is the last."""
 DAMPING_TRIALS = 6
+LARGER_GAINS = 2.0
+"""Times its last gain, more than which an iteration is not expected to gain: gains fall, but for the first few."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ def minimised(
     *,
     iterations: int,
     held: torch.Tensor | None = None,
+    below: float = math.inf,
 ) -> tuple[torch.Tensor, float]:
     """Parameters x that minimise sum rho((relief - h(x)) / sigma) + sum held (x - start)^2 / 2, from a start.
 
@@ -62,6 +66,7 @@ def minimised(
         loss: rho.
         iterations: at most.
         held: one over the squared distance that each parameter may go from its start, shape [P]; free if None.
+        below: loss that is asked for; given up where what is left of the iterations will not come so far.
 
     Returns:
         Parameters and their loss.
@@ -89,7 +94,7 @@ def minimised(
 
     found, damping = start, 1e-2
     least, normal, right = system(found)
-    for _ in range(iterations):
+    for left in reversed(range(iterations)):
         scale = normal.diagonal() + 1e-9 * normal.diagonal().max() + 1e-12
         before = least
         for _trial in range(DAMPING_TRIALS):
@@ -102,7 +107,8 @@ def minimised(
                 damping = max(damping / 5, 1e-6)
                 break
             damping *= 6
-        if before - least <= CONVERGED * before:
+        gain = before - least
+        if gain <= CONVERGED * before or least - LARGER_GAINS * gain * left > below:
             break
     return found, least
 
@@ -129,6 +135,7 @@ def fit_lines(
     *,
     iterations: int = 20,
     only: list[int] | None = None,
+    below: float = math.inf,
 ) -> tuple[torch.Tensor, float]:
     """Lines moved so that they explain a relief but for a few wrong places.
 
@@ -139,6 +146,7 @@ def fit_lines(
         sigma_m: expected size of what lines do not explain, shape [n, n], likewise.
         iterations: at most.
         only: indices of the lines to move; all if None.
+        below: loss that is asked for, see :func:`minimised`.
 
     Returns:
         The lines and their loss, see :func:`loss_of`.
@@ -155,7 +163,6 @@ def fit_lines(
         together, q = model.over(printed, relief), model.shape.overlap
         return together, derivatives if q == 1 else derivatives * share(relief, together, q)
 
-    lines[chosen], loss = minimised(
-        over_others, model.moved, lines[chosen], relief_m, sigma_m, GEMAN_MCCLURE, iterations=iterations
-    )
+    about = lines[chosen], relief_m, sigma_m, GEMAN_MCCLURE
+    lines[chosen], loss = minimised(over_others, model.moved, *about, iterations=iterations, below=below)
     return lines, loss

@@ -3,9 +3,11 @@
 The same descent as :func:`warp_caustics.prints.fit.fit_lines` of single lines; a GPU waits for the host once for all.
 """
 
+import math
+
 import torch
 
-from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE
+from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE, LARGER_GAINS
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import share
 
@@ -22,6 +24,7 @@ def fit_each(
     *,
     iterations: int,
     printed_m: torch.Tensor | None = None,
+    below: float = math.inf,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Each of the lines moved so that it explains a relief but for a few wrong places, without the others.
 
@@ -34,6 +37,7 @@ def fit_each(
         sigma_m: expected size of what lines do not explain, shape [n, n], likewise.
         iterations: of each line, at most.
         printed_m: what is printed beside each line, shape [L, n, n]; nothing if None.
+        below: loss that is asked for; lines that will not come so far are left where they are.
 
     Returns:
         The lines, shape [L, 6] [m], and their Geman-McClure losses, shape [L], on the CPU.
@@ -65,7 +69,7 @@ def fit_each(
 
     least, normal, right = system(found, torch.arange(len(found)))
     active = torch.ones(len(found), dtype=torch.bool)
-    for _ in range(round(TRIALS_PER_ITERATION * iterations)):
+    for left in reversed(range(round(TRIALS_PER_ITERATION * iterations))):
         chosen = active.nonzero()[:, 0]
         if not len(chosen):
             break
@@ -74,8 +78,8 @@ def fit_each(
         step = torch.linalg.solve(normal[chosen] + torch.diag_embed(damping[chosen] * scale), right[chosen])
         tried = model.moved(found[chosen], step.flatten())
         loss, normal_there, right_there = system(tried, chosen)
-        is_better = loss < least[chosen]
-        is_last = is_better & (least[chosen] - loss <= CONVERGED * least[chosen])
+        is_better, gain = loss < least[chosen], least[chosen] - loss
+        is_last = is_better & ((gain <= CONVERGED * least[chosen]) | (loss - LARGER_GAINS * gain * left > below))
         better = chosen[is_better]
         found[better], least[better] = tried[is_better], loss[is_better]
         normal[better], right[better] = normal_there[is_better], right_there[is_better]

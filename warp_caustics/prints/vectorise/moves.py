@@ -64,8 +64,9 @@ class LineSet:
         """Add lines while each saves more than its penalty; True if any did."""
         grown = False
         while len(self.lines) < most:
-            lines, loss = self._additions(most - len(self.lines))
-            if not len(lines) or loss > self.loss - 0.5 * LINE_PENALTY:
+            enough = self.loss - 0.5 * LINE_PENALTY
+            lines, loss = self._additions(most - len(self.lines), enough)
+            if not len(lines) or loss > enough:
                 break
             for added in dict.fromkeys((len(lines), 1)):  # together or, where they are too many, the best alone
                 new, loss = fit_lines(
@@ -78,8 +79,11 @@ class LineSet:
             self.lines, self.loss, grown = new, loss, True
         return grown
 
-    def _additions(self, most: int) -> tuple[torch.Tensor, float]:
-        """Lines that may be added at once, as they have nothing to do with each other; and the loss with the first."""
+    def _additions(self, most: int, enough: float) -> tuple[torch.Tensor, float]:
+        """Lines that may be added at once, as they have nothing to do with each other; and the loss with the first.
+
+        Of those that do not bring the loss down to ``enough`` none is a good one.
+        """
         rest = self.relief - self.model.heights(self.lines)
         # Large residuals, and residuals that are large for their place.
         shown = (rest / (1 + (self.spread / UNSURE_M).square()).sqrt(), rest / self.sigma)
@@ -90,7 +94,7 @@ class LineSet:
         starts = self._promising(rest, torch.from_numpy(np.concatenate(ridges)))
         if not len(starts):
             return starts, np.inf
-        fitted, losses = fit_each(self.model, starts, rest, self.sigma, iterations=8)
+        fitted, losses = fit_each(self.model, starts, rest, self.sigma, iterations=8, below=enough)
         parts = self.model.parts(fitted)[0].flatten(1)
         parts = parts / parts.norm(dim=1, keepdim=True).clamp_min(1e-12)
         alike = (parts @ parts.T).cpu()
@@ -132,15 +136,24 @@ class LineSet:
             kept = [[k for k in range(len(parts)) if k not in pair] for pair, _, _ in some]
             beside = torch.stack([self.model.joined(parts[others]) for others in kept])
             starts = self.model.clamped(torch.from_numpy(np.stack([row for _, row, _ in some])))
-            joined, losses = fit_each(self.model, starts, self.relief, self.sigma, iterations=8, printed_m=beside)
+            enough = self.loss + LINE_PENALTY
+            joined, losses = fit_each(
+                self.model,
+                starts,
+                self.relief,
+                self.sigma,
+                iterations=8,
+                printed_m=beside,
+                below=enough + GIVEN_UP_LOSS,
+            )
             for others, line, alone, (_, _, key) in zip(kept, joined, losses.tolist(), some, strict=True):
                 failed.add(key)
-                if alone > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
+                if alone > enough + GIVEN_UP_LOSS:
                     continue
                 lines = torch.cat([self.lines[others], line[None]])
                 near = self._near(self.model.parts(line[None])[0][0], parts[others])
-                lines, loss = self._fitted(lines, [*near, len(others)], 8)
-                if loss < self.loss + LINE_PENALTY:
+                lines, loss = self._fitted(lines, [*near, len(others)], 8, enough)
+                if loss < enough:
                     self.lines, self.loss = lines, loss
                     return True
         return False
@@ -160,10 +173,12 @@ class LineSet:
         parts = self.model.parts(self.lines)[0]
         others = [j for j in range(len(self.lines)) if j != k]
         kept = self.lines[others]
-        kept, loss = self._fitted(kept, self._near(parts[k], parts[others], RIVAL_OVERLAP), 8)
-        if loss > self.loss + LINE_PENALTY + GIVEN_UP_LOSS:
+        enough = self.loss + LINE_PENALTY
+        rivals = self._near(parts[k], parts[others], RIVAL_OVERLAP)
+        kept, loss = self._fitted(kept, rivals, 8, enough + GIVEN_UP_LOSS)
+        if loss > enough + GIVEN_UP_LOSS:
             return kept, loss
-        return self._fitted(kept, self._near(parts[k], parts[others]), 6)
+        return self._fitted(kept, self._near(parts[k], parts[others]), 6, enough)
 
     def _near(self, part: torch.Tensor, others: torch.Tensor, overlap: float = APART_OVERLAP) -> list[int]:
         """Which of the others [L, n, n] have something to do with a line [n, n], by the angle between heights."""
@@ -172,8 +187,11 @@ class LineSet:
         near: list[int] = (alike > overlap).nonzero()[:, 0].tolist()
         return near
 
-    def _fitted(self, lines: torch.Tensor, only: list[int], iterations: int) -> tuple[torch.Tensor, float]:
-        return fit_lines(self.model, lines, self.relief, self.sigma, iterations=iterations, only=only)
+    def _fitted(
+        self, lines: torch.Tensor, only: list[int], iterations: int, below: float
+    ) -> tuple[torch.Tensor, float]:
+        about = self.model, lines, self.relief, self.sigma
+        return fit_lines(*about, iterations=iterations, only=only, below=below)
 
 
 def joined_line(a: np.ndarray, b: np.ndarray) -> np.ndarray | None:

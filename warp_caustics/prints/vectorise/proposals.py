@@ -55,7 +55,7 @@ def proposed_lines(
 
 
 def _through(smooth: FloatArray, tops: IntArray, plate_size_m: tuple[float, float], wider: float) -> FloatArray:
-    """The two best directions of a ridge through each of the samples [K, 2]; lines [2 K, 6] are ``wider`` than there."""
+    """The two best directions of a ridge through each sample [K, 2]; lines [2 K, 6] are ``wider`` than there."""
     n = len(smooth)
     pitch_x, pitch_y = (size / n for size in plate_size_m)
     pitch = (pitch_x + pitch_y) / 2
