@@ -183,16 +183,23 @@ def line_cell(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    ends: wp.vec2,
     pitch: wp.vec2,
     samples: wp.int32,
     supersampling: wp.int32,
 ) -> LineCell:
-    """``LineCell`` of line k in row i and column j; from ``edge`` half widths on it has no height."""
+    """``LineCell`` of line k in row i and column j; from ``edge`` half widths on it has no height.
+
+    ``ends`` are the share by which it is wider and higher where it begins and ends [1], and how far that reaches [m]:
+    share exp(-(s / reach)^2) at a way s from there.
+    """
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
     inverse = 1.0 / wp.max(wp.dot(along, along), 1.0e-20)
     width = lines[k, 4]
     height = lines[k, 5]
+    length = wp.length(along)
+    thickest = 1.0 + ends[0]
     found = LineCell()
     # What a point stands for, and how far beyond the edge it may lie to have a part of it on the line.
     side = 0.5 * (pitch[0] + pitch[1]) / wp.float32(supersampling)
@@ -206,26 +213,51 @@ def line_cell(
         gap = wp.vec2(nearest[0], nearest[1])
         distance = wp.length(gap)
         if sub < 0:
-            if distance > 0.5 * (edge * width + pitch[0] + pitch[1]):
+            if distance > 0.5 * (edge * thickest * width + pitch[0] + pitch[1]):
                 break
-        elif distance < 0.5 * edge * width + beyond:
+        elif distance < 0.5 * edge * thickest * width + beyond:
+            # Thicker by a factor that falls with the way from the nearer end.
+            thickness = wp.float32(1.0)
+            falls = wp.float32(0.0)
+            is_start = nearest[2] < 0.5
+            if ends[0] > 0.0:
+                way = wp.min(nearest[2], 1.0 - nearest[2]) * length / ends[1]
+                more = ends[0] * wp.exp(-way * way)
+                thickness += more
+                falls = -2.0 * more * way / ends[1]
+            wide = thickness * width
             section = wp.vec2(0.0, 0.0)
-            if distance < 0.5 * edge * width:
-                section = line_section(exponent, parabola, 2.0 * distance / width)
+            if distance < 0.5 * edge * wide:
+                section = line_section(exponent, parabola, 2.0 * distance / wide)
             shape = section[0]
             slope = section[1]
             if beyond > 0.0:
-                slope = mean_slope(exponent, parabola, 2.0 * distance / width, 2.0 * side / width)
+                slope = mean_slope(exponent, parabola, 2.0 * distance / wide, 2.0 * side / wide)
             # Moving the nearest point along the line changes r in second order only.
-            by_distance = height * slope * 2.0 / width
+            by_distance = thickness * height * slope * 2.0 / wide
             outward = by_distance / wp.max(distance, 1.0e-15) * gap
-            found[0] += height * shape
+            found[0] += thickness * height * shape
             found[1] -= (1.0 - nearest[2]) * outward[0]
             found[2] -= (1.0 - nearest[2]) * outward[1]
             found[3] -= nearest[2] * outward[0]
             found[4] -= nearest[2] * outward[1]
             found[5] -= by_distance * distance / width
-            found[6] += shape
+            found[6] += thickness * shape
+            if falls < 0.0:
+                # The thicker place moves with its end, and turns about the other one.
+                by_way = falls * (height * shape - by_distance * distance / thickness)
+                ahead = by_way / length * along
+                aside = by_way / length * gap
+                if is_start:
+                    found[1] -= ahead[0] + aside[0]
+                    found[2] -= ahead[1] + aside[1]
+                    found[3] += aside[0]
+                    found[4] += aside[1]
+                else:
+                    found[1] += aside[0]
+                    found[2] += aside[1]
+                    found[3] += ahead[0] - aside[0]
+                    found[4] += ahead[1] - aside[1]
     return found / wp.float32(supersampling * supersampling)
 
 
@@ -236,6 +268,8 @@ def line_derivatives(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    thicker: wp.float32,
+    end: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -246,7 +280,8 @@ def line_derivatives(
 ):
     """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]."""
     k, i, j = wp.tid()
-    found = line_cell(lines, k, i, j, exponent, parabola, edge, wp.vec2(pitch_x, pitch_y), samples, supersampling)
+    pitch, ends = wp.vec2(pitch_x, pitch_y), wp.vec2(thicker, end)
+    found = line_cell(lines, k, i, j, exponent, parabola, edge, ends, pitch, samples, supersampling)
     heights[k, i, j] = found[0]
     for number in range(6):
         derivatives[k, number, i, j] = found[number + 1]
@@ -259,6 +294,8 @@ def line_derivatives_by_row(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    thicker: wp.float32,
+    end: wp.float32,
     pitch_x: wp.float32,
     pitch_y: wp.float32,
     samples: wp.int32,
@@ -270,10 +307,11 @@ def line_derivatives_by_row(
     """The same into arrays of zeros, a row of cells per thread: on a CPU most of the time goes into far cells."""
     k, i = wp.tid()
     pitch = wp.vec2(pitch_x, pitch_y)
+    ends = wp.vec2(thicker, end)
     y = cell_point(i, 0, -1, supersampling, pitch, samples)[1]
     from_y = lines[k, 1] - y
     along_y = lines[k, 3] - lines[k, 1]
-    reach = 0.5 * edge * lines[k, 4] + pitch_x + pitch_y
+    reach = 0.5 * edge * (1.0 + thicker) * lines[k, 4] + pitch_x + pitch_y
     first = wp.float32(0.0)
     last = wp.float32(1.0)
     if wp.abs(along_y) > 1.0e-9:
@@ -292,7 +330,7 @@ def line_derivatives_by_row(
         low = wp.max(wp.int32(wp.floor((wp.min(x0, x1) - reach) / pitch_x + middle)), 0)
         high = wp.min(wp.int32(wp.ceil((wp.max(x0, x1) + reach) / pitch_x + middle)), samples)
         for j in range(low, high):
-            found = line_cell(lines, k, i, j, exponent, parabola, edge, pitch, samples, supersampling)
+            found = line_cell(lines, k, i, j, exponent, parabola, edge, ends, pitch, samples, supersampling)
             heights[k, i, j] = found[0]
             for number in range(6):
                 derivatives[k, number, i, j] = found[number + 1]

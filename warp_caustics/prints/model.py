@@ -43,7 +43,7 @@ LINES_AT_ONCE = 6
 
 
 class Shape(NamedTuple):
-    """What all lines of a print have in common: their section and what is printed where they cross.
+    """What all lines of a print have in common: their section, what is printed where they cross, and thicker ends.
 
     The section is ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g with t = 2 r / w: cosines and parabolas of any power, with
     the ellipse (p = 1, g = 0.5), and what lies between. Gaussians are within 0.03 % of their crown (root mean square,
@@ -57,13 +57,22 @@ class Shape(NamedTuple):
     """p, from 0 to 1."""
     overlap: float = 1.0
     """q of :mod:`~warp_caustics.prints.overlap`: at 1 lines add up where they cross, at 0 the highest is printed."""
+    thicker: float = 0.0
+    """Share by which lines are wider and higher where the machine starts and stops [1]; by thicker exp(-(s / end)^2) at
+    a way s from there, as :func:`~warp_caustics.prints.imperfections.thick_ends` prints them."""
+    end_m: float = 1e-3
+    """That length [m]."""
+
+    def with_section(self, other: "Shape") -> "Shape":
+        """The same with the section of another one."""
+        return self._replace(exponent=other.exponent, parabola=other.parabola)
 
     def clipped(self) -> "Shape":
         """Within what prints have."""
         return Shape(*(min(max(at, low), high) for at, low, high in zip(self, *SHAPE_LIMITS, strict=True)))
 
 
-SHAPE_LIMITS = (Shape(EXPONENTS[0], 0.0, 0.0), Shape(64.0, 1.0, 1.0))
+SHAPE_LIMITS = (Shape(EXPONENTS[0], 0.0, 0.0, 0.0, 2e-4), Shape(64.0, 1.0, 1.0, 0.8, 4e-3))
 """Of each of its numbers: the least and the largest that prints have."""
 
 
@@ -182,10 +191,16 @@ class LineModel:
             wp.launch(
                 line_derivatives if is_cuda else line_derivatives_by_row,
                 dim=heights.shape if is_cuda else heights.shape[:2],
-                inputs=[warp_array(rows), *self.shape[:2], section_edge(self.shape), pitch_x, pitch_y, *self._points],
+                inputs=[warp_array(rows), *self._printed, pitch_x, pitch_y, *self._points],
                 outputs=[warp_array(heights), warp_array(derivatives)],
                 device=wp.device_from_torch(self.device),
             )
+
+    @property
+    def _printed(self) -> tuple[float, ...]:
+        """What kernels are told of the shape."""
+        shape = self.shape
+        return shape.exponent, shape.parabola, section_edge(shape), shape.thicker, shape.end_m
 
     def sketched(self, supersampling: int) -> "LineModel":
         """The same lines and section, with fewer points per cell."""
@@ -235,11 +250,11 @@ class LineModel:
         rows = step.reshape(lines.shape)
         return self.clamped(lines + torch.minimum(torch.maximum(rows, -self._step), self._step))
 
-    def limits_of(self, lines: int, *, with_shape: bool) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of the numbers of so many lines [m], and of a shape after them, shape [P]."""
+    def limits_of(self, lines: int, shape_numbers: int) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of the numbers of so many lines [m], and of a shape's first ones after them, [P]."""
         ends = []
         for of_line, of_shape in zip(self._ends(), SHAPE_LIMITS, strict=True):
-            ends.append(np.append(np.tile(of_line.numpy(), lines), of_shape if with_shape else ()))
+            ends.append(np.append(np.tile(of_line.numpy(), lines), of_shape[:shape_numbers]))
         return ends[0], ends[1]
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:

@@ -17,9 +17,11 @@ import torch
 from warp_caustics.prints.model import COSINE_HALF, WIDTH, LineModel, Shape, half_height
 from warp_caustics.types import FloatArray
 
-STEPS = (0.00125, 0.02, 0.02)
+STEPS = (0.00125, 0.02, 0.02, 0.01, 2e-5)
 """Of differences by the shape's numbers: at a power of 1 that is 1 % of it, which errs by 1e-4 of the difference,
 float32 by as much."""
+WITH_ENDS, WITHOUT_ENDS = len(Shape._fields), len(Shape._fields) - 2
+"""Numbers of a shape; where ends are as thick as the rest, how far they reach is none."""
 
 
 def share_of(exponent: float) -> float:
@@ -50,14 +52,14 @@ def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
     return changed
 
 
-def by_shape(model: LineModel, lines: torch.Tensor) -> torch.Tensor:
-    """Derivatives of the relief by the numbers of its shape [m], shape [3, n, n], by differences.
+def by_shape(model: LineModel, lines: torch.Tensor, count: int = WITHOUT_ENDS) -> torch.Tensor:
+    """Derivatives of the relief by the first numbers of its shape [m], shape [count, n, n], by differences.
 
     Central ones where the numbers are not at an end of their range; lines stay as wide at half their height.
     """
     given, numbers, columns = model.shape, numbers_of(model.shape), []
     try:
-        for number, step in enumerate(STEPS):
+        for number, step in enumerate(STEPS[:count]):
             at, found = [], []
             for sign in (-1, 1):
                 moved = list(numbers)
@@ -74,6 +76,8 @@ def by_shape(model: LineModel, lines: torch.Tensor) -> torch.Tensor:
 class DescentNumbers:
     """Numbers of L lines, 6 each, and of their shape behind them if that is moved, and back.
 
+    Ends move where they are thicker when a descent begins.
+
     Args:
         model: of the lines; its shape is set by :meth:`put`.
         count: L.
@@ -82,7 +86,11 @@ class DescentNumbers:
 
     def __init__(self, model: LineModel, count: int, with_section: bool):
         self.model, self.lines, self.with_section = model, count, with_section
-        self.size = 6 * count + (len(Shape._fields) if with_section else 0)
+        self._ends = model.shape[WITHOUT_ENDS:]
+        of_shape = WITH_ENDS if model.shape.thicker > 0 else WITHOUT_ENDS
+        self.of_shape = of_shape if with_section else 0
+        """How many numbers of the shape there are."""
+        self.size = 6 * count + self.of_shape
 
     def of(self, lines: torch.Tensor, shape: Shape) -> FloatArray:
         """Numbers of lines, shape [L, 6] [m], and their shape; shape [P]."""
@@ -90,13 +98,14 @@ class DescentNumbers:
             return lines.numpy().ravel().copy()
         rows = lines.numpy().copy()
         rows[:, WIDTH] *= half_height(shape) / COSINE_HALF
-        return np.append(rows, numbers_of(shape))
+        return np.append(rows, numbers_of(shape)[: self.of_shape])
 
     def put(self, numbers: FloatArray) -> torch.Tensor:
         """Lines of numbers, shape [L, 6] [m], within their limits; the model has their shape afterwards."""
         rows = numbers[: 6 * self.lines].reshape(self.lines, 6).copy()
         if self.with_section:
-            self.model.shape = shape_of(numbers[6 * self.lines :].tolist())
+            of_shape = numbers[6 * self.lines :].tolist()
+            self.model.shape = shape_of([*of_shape, *self._ends[self.of_shape - WITHOUT_ENDS :]])
             rows[:, WIDTH] *= COSINE_HALF / half_height(self.model.shape)
         return self.model.clamped(torch.from_numpy(rows))
 
@@ -111,16 +120,16 @@ class DescentNumbers:
             return by_line
         by_line = by_line.clone()
         by_line[WIDTH::6] *= COSINE_HALF / half_height(self.model.shape)
-        return torch.cat([by_line, by_shape(self.model, lines)])
+        return torch.cat([by_line, by_shape(self.model, lines, self.of_shape)])
 
     def ends(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and largest values of numbers, where they have the shape of these, shape [P] each."""
         if not self.with_section:
-            return self.model.limits_of(self.lines, with_shape=False)
+            return self.model.limits_of(self.lines, 0)
         kept = self.model.shape
         try:
             self.put(numbers)
-            ends = self.model.limits_of(self.lines, with_shape=True)
+            ends = self.model.limits_of(self.lines, self.of_shape)
             narrower = half_height(self.model.shape) / COSINE_HALF
         finally:
             self.model.shape = kept

@@ -1,8 +1,10 @@
-"""The section of all lines and what is printed where they cross, from a few: which lets lines explain the image best?
+"""The section of all lines, what is printed where they cross and thicker ends: which lets lines explain the image best?
 
 A start for descents, which find it to a percent: the misfit has one valley in g when lines keep their width at half
 their height, but from far away a descent of all numbers would rather bend lines than their section.
 """
+
+from collections.abc import Mapping
 
 import torch
 
@@ -12,9 +14,14 @@ from warp_caustics.prints.model import Shape
 
 TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(8.0), Shape(0.35))
 """Cosine, quarter cosine, parabola, ellipse, a bell, nearly a Gaussian, and a box."""
+ON_THE_WAY = {Shape(8.0): Shape(1.6), Shape(0.5, 1.0): Shape(1.0, 1.0), Shape(0.35): Shape(0.5)}
+"""To sections that are far from a cosine: not tried where these, which come before them, leave more than what lines
+have."""
 OVERLAPS = (1.0, 0.35, 0.0)
 """Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is printed: one of
 these is near enough for descents to find what lies between."""
+ENDS = {"thicker": 0.25, "end_m": 1e-3}
+"""Thicker ends that are tried."""
 TRIAL_ITERATIONS = 8
 """Of L-BFGS with each."""
 MORE_ITERATIONS = 15
@@ -24,8 +31,19 @@ OTHER_FACTOR = 0.96
 anything with a section of their own."""
 
 
+def is_in_vain(shape: Shape, left: Mapping[Shape, float], before: float) -> bool:
+    """Whether a section on the way to this one was tried, and left more than what lines had before.
+
+    Args:
+        shape: one of those that are tried.
+        left: what those left that were.
+        before: what the lines' own does.
+    """
+    return left.get(ON_THE_WAY.get(shape, shape), 0.0) > before
+
+
 def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = False) -> tuple[torch.Tensor, bool]:
-    """Lines of the section and overlap that explain the image best; the model has these afterwards.
+    """Lines of the section, overlap and ends that explain the image best; the model has these afterwards.
 
     Args:
         fit: judges; few pixels will do.
@@ -48,13 +66,20 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = Fals
                 found = fit.descend(lines, TRIAL_ITERATIONS)
                 if found.loss < min(least, best_lines.loss):
                     best_lines, best_shape = found, model.shape
-        least, crossed = OTHER_FACTOR * best_lines.loss, best_shape.overlap
+        before, least, crossed = best_lines.loss, OTHER_FACTOR * best_lines.loss, best_shape.overlap
+        left: dict[Shape, float] = {}
         for shape in TRIED_SHAPES:
-            if shape[:2] == given[:2]:
+            if shape[:2] == given[:2] or is_in_vain(shape, left, before):
                 continue
-            model.shape = shape._replace(overlap=crossed)
+            model.shape = given.with_section(shape)._replace(overlap=crossed)
             found = fit.descend(model.clamped(reshaped(lines, given, shape)), TRIAL_ITERATIONS)
+            left[shape] = found.loss
             if found.loss < min(least, best_lines.loss):
+                best_lines, best_shape = found, model.shape
+        if not given.thicker:
+            model.shape = best_shape._replace(**ENDS)
+            found = fit.descend(model.clamped(reshaped(lines, given, best_shape)), TRIAL_ITERATIONS)
+            if found.loss < OTHER_FACTOR * best_lines.loss:
                 best_lines, best_shape = found, model.shape
     finally:
         model.shape = best_shape

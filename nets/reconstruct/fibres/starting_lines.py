@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import reshaped
-from nets.reconstruct.fibres.section import OTHER_FACTOR, OVERLAPS
+from nets.reconstruct.fibres.section import ENDS, OTHER_FACTOR, OVERLAPS, is_in_vain
 from warp_caustics.prints.fit import fit_lines
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
@@ -65,18 +65,21 @@ def starting_lines(
         return judged(lines_of_relief(model, relief_m, spread_m, most=most))
 
     for _ in range(ROUNDS):
-        before = best
+        before, left = best, dict[Shape, float]()
         for shape in SHAPES:
-            shape = shape._replace(overlap=before.shape.overlap)
-            if shape != before.shape:
-                model.shape = shape
-                lines = reshaped(before.lines, before.shape, shape)
-                best = _better(best, judged(_refitted(model, lines, relief_m, spread_m)))
+            crossed = before.shape.with_section(shape)
+            if crossed != before.shape and not is_in_vain(shape, left, before.left):
+                model.shape = crossed
+                lines = reshaped(before.lines, before.shape, crossed)
+                other = judged(_refitted(model, lines, relief_m, spread_m))
+                left[shape], best = other.left, _better(best, other)
         told = best
-        for overlap in OVERLAPS:
-            if overlap != before.shape.overlap:
-                model.shape = told.shape._replace(overlap=overlap)
-                best = _better(best, judged(_refitted(model, told.lines, relief_m, spread_m)))
+        others = [told.shape._replace(overlap=overlap) for overlap in OVERLAPS if overlap != before.shape.overlap]
+        if not told.shape.thicker:
+            others.append(told.shape._replace(**ENDS))
+        for other_shape in others:
+            model.shape = other_shape
+            best = _better(best, judged(_refitted(model, told.lines, relief_m, spread_m)))
         if best.shape == before.shape:
             break
         best = min(best, anew(best), key=lambda start: start.left)

@@ -21,15 +21,15 @@ LINES = 1e-3 * torch.tensor(
 OFF = 1e-3 * torch.tensor([0.1, -0.1, -0.1, 0.1, 0.2, -0.05], dtype=torch.float64)
 
 
-def model_of(exponent, parabola=0.0, overlap=1.0):
+def model_of(*shape):
     model = LineModel(SCENE)
-    model.shape = Shape(exponent, parabola, overlap)
+    model.shape = Shape(*shape)
     return model
 
 
-def seen(exponent, parabola=0.0, overlap=1.0):
+def seen(*shape):
     """With 0.5 % noise."""
-    simulated = CausticSimulator(SCENE)(model_of(exponent, parabola, overlap).heights(LINES)).numpy()
+    simulated = CausticSimulator(SCENE)(model_of(*shape).heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
 
@@ -194,7 +194,7 @@ def test_derivatives_where_the_edge_of_a_line_is_steep(shape, number):
 
 
 def test_where_lines_cross_the_highest_is_printed():
-    model = model_of(1.0, overlap=0.0)
+    model = model_of(1.0, 0.0, 0.0)
     parts = model.parts(LINES)[0]
     assert torch.equal(model.heights(LINES), parts.amax(dim=0))
     assert torch.equal(model.without_each(parts), parts.flip(0))
@@ -234,11 +234,38 @@ def test_a_cosine_stays_one_where_it_is_the_section():
 @pytest.mark.parametrize(("overlap", "tolerance"), [(0.0, 0.05), (0.12, 0.05), (0.3, 0.05), (0.6, 0.05)])
 def test_what_is_printed_where_lines_cross_is_found(overlap, tolerance):
     """The highest, or lines that merge: of powers 8.3, 3.3 and 1.7."""
-    model, truth = LineModel(SCENE), model_of(1.0, overlap=overlap).heights(LINES)
-    search = LineSearch(SCENE, seen(1.0, overlap=overlap), model, 2 * N, jumps=0, finds_section=True)
+    model, truth = LineModel(SCENE), model_of(1.0, 0.0, overlap).heights(LINES)
+    search = LineSearch(SCENE, seen(1.0, 0.0, overlap), model, 2 * N, jumps=0, finds_section=True)
     found = search.run(LINES + OFF)
     assert model.shape.overlap == pytest.approx(overlap, abs=tolerance)
     assert 1e6 * float((model.heights(found) - truth).square().mean().sqrt()) < 2.5
+
+
+def test_thicker_ends_are_found():
+    """Beside a section of its own; lines whose ends are no thicker are not given any."""
+    truth = Shape(1.3, 0.0, 1.0, 0.35, 1.6e-3)
+    model, heights = LineModel(SCENE), model_of(*truth).heights(LINES)
+    found = LineSearch(SCENE, seen(*truth), model, 2 * N, jumps=0, finds_section=True).run(LINES + OFF)
+    assert model.shape.thicker == pytest.approx(truth.thicker, abs=0.05)
+    assert model.shape.end_m == pytest.approx(truth.end_m, rel=0.2)
+    assert 1e6 * float((model.heights(found) - heights).square().mean().sqrt()) < 2.5
+
+
+@pytest.mark.parametrize("shape", [Shape(1.0, 0.2, 0.9, 0.3, 1.5e-3), Shape(0.6, 0.0, 1.0, 0.1, 5e-4)])
+def test_derivatives_by_thicker_ends(shape):
+    """Against differences ten times as small, in float64 of their sums."""
+    model = LineModel(SCENE)
+    model.shape = shape
+    found = by_shape(model, LINES, 5)[3:].double()
+    for number, step in ((3, 2e-3), (4, 4e-6)):
+        moved = []
+        for sign in (-1, 1):
+            values = list(shape)
+            values[number] += sign * step
+            model.shape = Shape(*values)
+            moved.append(model.heights(LINES).double())
+        expected = (moved[1] - moved[0]) / (2 * step)
+        assert float((found[number - 3] - expected).norm()) < 0.03 * float(expected.norm())
 
 
 MANY = 1e-3 * torch.tensor(
@@ -280,7 +307,7 @@ def test_numbers_that_would_leave_their_range_are_held(monkeypatch):
     clamped = model.clamped
     monkeypatch.setattr(model, "clamped", lambda rows: heights_of.append(float(rows[0, 5])) or clamped(rows))
     before = fit.loss(model.heights(lines))
-    low, high = model.limits_of(len(lines), with_shape=True)
+    low, high = model.limits_of(len(lines), 3)
     assert low.shape == high.shape == (15,) and (low < high).all() and high[5] == highest
     monkeypatch.setattr(
         fit, "with_gradient", lambda h, *_: (before, torch.full_like(h, -1.0), np.zeros(0))

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from warp_caustics.prints.chains import chains_of
+from warp_caustics.prints.imperfections import thick_ends
 from warp_caustics.prints.line import SECTIONS, line_relief
 from warp_caustics.prints.model import LineModel, Shape, half_height, line_section, lines_of, rows_of, section_edge
+from warp_caustics.prints.paths import PrintedPath, paths_relief
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
@@ -32,6 +35,40 @@ def test_derivatives(section, number):
     assert difference.norm() > 0.1
     # The rim of a quarter profile is a kink: at any one of 8^2 points the difference quotient may be half right.
     assert (difference - derivative).norm() <= (2e-3 if section == "cosine" else 0.25) * difference.norm()
+
+
+THICK = Shape(1.0, 0.0, 1.0, 0.3, 2e-3)
+
+
+def test_thicker_ends_are_those_that_are_printed():
+    """Beside a path of many points: that one is straight between these, and looks for the nearest part of the line."""
+    model = LineModel(SCENE)
+    model.shape = THICK
+    lines = lines_of(LINES)
+    ends = [np.array([line.start_m, line.end_m]) for line in lines]
+    chains = chains_of(ends, [line.width_m for line in lines], [line.height_m for line in lines])
+    chains = thick_ends(chains, np.full(2, THICK.thicker), np.full(2, THICK.end_m))
+    last = np.append(chains.first[1:], len(chains.points_m))
+    paths = [
+        PrintedPath(chains.points_m[a:b], chains.widths_m[a:b], chains.heights_m[a:b])
+        for a, b in zip(chains.first, last, strict=True)
+    ]
+    expected = paths_relief(paths, 64, SCENE.plate_size_m)
+    found, plain = model.heights(LINES).double().numpy(), LineModel(SCENE).heights(LINES).double().numpy()
+    thicker = np.linalg.norm(plain - expected)
+    assert thicker > 0.05 * np.linalg.norm(plain), "as these lines are without"
+    assert np.linalg.norm(found - expected) < 0.03 * thicker
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_derivatives_with_thicker_ends(number):
+    """Ends that move take their thicker places along, and turn with the line."""
+    model, step = LineModel(SCENE, supersampling=8), torch.zeros_like(LINES)
+    model.shape = THICK
+    step[:, number] = 2e-6
+    derivative = model.parts(LINES)[1][:, number]
+    difference = (model.parts(LINES + step)[0] - model.parts(LINES - step)[0]) / 4e-6
+    assert (difference - derivative).norm() <= 4e-3 * difference.norm()
 
 
 def test_no_lines():
