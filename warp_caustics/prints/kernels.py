@@ -75,6 +75,30 @@ def mean_slope(exponent: wp.float32, parabola: wp.float32, t: wp.float32, step: 
 
 @no_type_check
 @wp.func
+def cap_height(distance: wp.float32, width: wp.float32, height: wp.float32):
+    """Height of a circular cap [m] at a distance from its middle, and derivatives by distance, width and height [1].
+
+    The circle through both feet and the crown, of radius R = (w^2 / 4 + H^2) / (2 H). A cap that is higher than half
+    its width overhangs its foot and is no height field: it is taken for the half circle, drawn out.
+    """
+    half = 0.5 * width
+    crown = wp.min(height, half)
+    drawn = height / crown
+    radius = (half * half + crown * crown) / (2.0 * crown)
+    # A standing edge has no slope; a sample's mean hardly sees the last thousandth of the width.
+    root = wp.sqrt(wp.max(radius * radius - distance * distance, 1.0e-6 * radius * radius))
+    by_radius = radius / root - 1.0
+    by_half = by_radius * half / crown
+    by_crown = 1.0 + by_radius * 0.5 * (1.0 - half * half / (crown * crown))
+    above = root - radius + crown
+    if drawn > 1.0:
+        by_half += by_crown - above / crown
+        by_crown = above / crown
+    return wp.vec4(drawn * above, -drawn * distance / root, 0.5 * drawn * by_half, by_crown)
+
+
+@no_type_check
+@wp.func
 def cell_point(i: wp.int32, j: wp.int32, sub: wp.int32, across: wp.int32, pitch: wp.vec2, samples: wp.int32):
     """Place of point ``sub`` of the across^2 points in cell (i, j) of a plate [m]; of the cell's centre if it is -1."""
     corner_x = (wp.float32(j) - 0.5 * wp.float32(samples)) * pitch[0]
@@ -183,6 +207,7 @@ def line_cell(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    is_cap: wp.bool,
     ends: wp.vec2,
     pitch: wp.vec2,
     samples: wp.int32,
@@ -226,26 +251,32 @@ def line_cell(
                 thickness += more
                 falls = -2.0 * more * way / ends[1]
             wide = thickness * width
-            section = wp.vec2(0.0, 0.0)
-            if distance < 0.5 * edge * wide:
-                section = line_section(exponent, parabola, 2.0 * distance / wide)
-            shape = section[0]
-            slope = section[1]
-            if beyond > 0.0:
-                slope = mean_slope(exponent, parabola, 2.0 * distance / wide, 2.0 * side / wide)
+            # Height, and its derivatives by distance, width and height.
+            told = wp.vec4(0.0, 0.0, 0.0, 0.0)
+            if is_cap:
+                if distance < 0.5 * wide:
+                    told = cap_height(distance, wide, thickness * height)
+            else:
+                section = wp.vec2(0.0, 0.0)
+                if distance < 0.5 * edge * wide:
+                    section = line_section(exponent, parabola, 2.0 * distance / wide)
+                slope = section[1]
+                if beyond > 0.0:
+                    slope = mean_slope(exponent, parabola, 2.0 * distance / wide, 2.0 * side / wide)
+                by_distance = thickness * height * slope * 2.0 / wide
+                told = wp.vec4(thickness * height * section[0], by_distance, -by_distance * distance / wide, section[0])
             # Moving the nearest point along the line changes r in second order only.
-            by_distance = thickness * height * slope * 2.0 / wide
-            outward = by_distance / wp.max(distance, 1.0e-15) * gap
-            found[0] += thickness * height * shape
+            outward = told[1] / wp.max(distance, 1.0e-15) * gap
+            found[0] += told[0]
             found[1] -= (1.0 - nearest[2]) * outward[0]
             found[2] -= (1.0 - nearest[2]) * outward[1]
             found[3] -= nearest[2] * outward[0]
             found[4] -= nearest[2] * outward[1]
-            found[5] -= by_distance * distance / width
-            found[6] += thickness * shape
+            found[5] += thickness * told[2]
+            found[6] += thickness * told[3]
             if falls < 0.0:
                 # The thicker place moves with its end, and turns about the other one.
-                by_way = falls * (height * shape - by_distance * distance / thickness)
+                by_way = falls * (width * told[2] + height * told[3])
                 ahead = by_way / length * along
                 aside = by_way / length * gap
                 if is_start:
@@ -268,6 +299,7 @@ def line_derivatives(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    is_cap: wp.bool,
     thicker: wp.float32,
     end: wp.float32,
     pitch_x: wp.float32,
@@ -281,7 +313,7 @@ def line_derivatives(
     """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]."""
     k, i, j = wp.tid()
     pitch, ends = wp.vec2(pitch_x, pitch_y), wp.vec2(thicker, end)
-    found = line_cell(lines, k, i, j, exponent, parabola, edge, ends, pitch, samples, supersampling)
+    found = line_cell(lines, k, i, j, exponent, parabola, edge, is_cap, ends, pitch, samples, supersampling)
     heights[k, i, j] = found[0]
     for number in range(6):
         derivatives[k, number, i, j] = found[number + 1]
@@ -294,6 +326,7 @@ def line_derivatives_by_row(
     exponent: wp.float32,
     parabola: wp.float32,
     edge: wp.float32,
+    is_cap: wp.bool,
     thicker: wp.float32,
     end: wp.float32,
     pitch_x: wp.float32,
@@ -330,7 +363,7 @@ def line_derivatives_by_row(
         low = wp.max(wp.int32(wp.floor((wp.min(x0, x1) - reach) / pitch_x + middle)), 0)
         high = wp.min(wp.int32(wp.ceil((wp.max(x0, x1) + reach) / pitch_x + middle)), samples)
         for j in range(low, high):
-            found = line_cell(lines, k, i, j, exponent, parabola, edge, ends, pitch, samples, supersampling)
+            found = line_cell(lines, k, i, j, exponent, parabola, edge, is_cap, ends, pitch, samples, supersampling)
             heights[k, i, j] = found[0]
             for number in range(6):
                 derivatives[k, number, i, j] = found[number + 1]

@@ -62,22 +62,30 @@ class Shape(NamedTuple):
     a way s from there, as :func:`~warp_caustics.prints.imperfections.thick_ends` prints them."""
     end_m: float = 1e-3
     """That length [m]."""
+    is_cap: bool = False
+    """Whether the section is the circular cap of a line's own width and height, which surface tension rounds; then g
+    and p are none."""
 
     def with_section(self, other: "Shape") -> "Shape":
         """The same with the section of another one."""
-        return self._replace(exponent=other.exponent, parabola=other.parabola)
+        return self._replace(exponent=other.exponent, parabola=other.parabola, is_cap=other.is_cap)
 
     def clipped(self) -> "Shape":
         """Within what prints have."""
-        return Shape(*(min(max(at, low), high) for at, low, high in zip(self, *SHAPE_LIMITS, strict=True)))
+        within = (min(max(at, low), high) for at, low, high in zip(self, *SHAPE_LIMITS, strict=True))
+        g, p, q, thicker, end_m, _ = within
+        return Shape(g, p, q, thicker, end_m, self.is_cap)
 
 
-SHAPE_LIMITS = (Shape(EXPONENTS[0], 0.0, 0.0, 0.0, 2e-4), Shape(64.0, 1.0, 1.0, 0.8, 4e-3))
+SHAPE_LIMITS = (Shape(EXPONENTS[0], 0.0, 0.0, 0.0, 2e-4), Shape(64.0, 1.0, 1.0, 0.8, 4e-3, is_cap=True))
 """Of each of its numbers: the least and the largest that prints have."""
 
 
 def line_section(shape: Shape, t: FloatArray) -> FloatArray:
-    """Height relative to the crown [1] at t = 2 r / w, any shape; 0 from the edge on: the oracle of the kernel."""
+    """Height relative to the crown [1] at t = 2 r / w, any shape; 0 from the edge on: the oracle of the kernel.
+
+    That of a cap depends on its line: see :class:`~warp_caustics.prints.sections.CrossSection`.
+    """
     inside = np.clip(np.abs(t), 0.0, 1.0)
     base = (1 - shape.parabola) * np.cos(np.pi / 2 * inside) ** 2 + shape.parabola * (1 - inside**2)
     height: FloatArray = np.maximum(base, 0.0) ** shape.exponent
@@ -86,7 +94,9 @@ def line_section(shape: Shape, t: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def half_height(shape: Shape) -> float:
-    """t = 2 r / w at which the section is half as high as its crown [1]."""
+    """t = 2 r / w at which the section is half as high as its crown [1]; of caps that of a flat one."""
+    if shape.is_cap:
+        return math.sqrt(0.5)
     found = scipy.optimize.brentq(lambda t: float(line_section(shape, np.array(t))) - 0.5, 0.0, 1.0, xtol=1e-12)
     return float(found)
 
@@ -96,7 +106,9 @@ def section_edge(shape: Shape) -> float:
 
     1 - t^2 is at least as large as cos(pi t / 2)^2, so that a power of it is a bound.
     """
-    return min(1.0, math.sqrt(max(1 - FADED ** (1 / shape.exponent), 0.0))) if shape.exponent > 1 else 1.0
+    if shape.exponent <= 1 or shape.is_cap:
+        return 1.0
+    return min(1.0, math.sqrt(max(1 - FADED ** (1 / shape.exponent), 0.0)))
 
 
 @dataclass(frozen=True)
@@ -200,7 +212,7 @@ class LineModel:
     def _printed(self) -> tuple[float, ...]:
         """What kernels are told of the shape."""
         shape = self.shape
-        return shape.exponent, shape.parabola, section_edge(shape), shape.thicker, shape.end_m
+        return shape.exponent, shape.parabola, section_edge(shape), shape.is_cap, shape.thicker, shape.end_m
 
     def sketched(self, supersampling: int) -> "LineModel":
         """The same lines and section, with fewer points per cell."""
@@ -250,11 +262,11 @@ class LineModel:
         rows = step.reshape(lines.shape)
         return self.clamped(lines + torch.minimum(torch.maximum(rows, -self._step), self._step))
 
-    def limits_of(self, lines: int, shape_numbers: int) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of the numbers of so many lines [m], and of a shape's first ones after them, [P]."""
+    def limits_of(self, lines: int, of_shape: Sequence[int] = ()) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of the numbers of lines [m], and of some of a shape after them, shape [P]."""
         ends = []
-        for of_line, of_shape in zip(self._ends(), SHAPE_LIMITS, strict=True):
-            ends.append(np.append(np.tile(of_line.numpy(), lines), of_shape[:shape_numbers]))
+        for of_line, limit in zip(self._ends(), SHAPE_LIMITS, strict=True):
+            ends.append(np.append(np.tile(of_line.numpy(), lines), [limit[number] for number in of_shape]))
         return ends[0], ends[1]
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:

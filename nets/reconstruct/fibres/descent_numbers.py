@@ -20,8 +20,8 @@ from warp_caustics.types import FloatArray
 STEPS = (0.00125, 0.02, 0.02, 0.01, 2e-5)
 """Of differences by the shape's numbers: at a power of 1 that is 1 % of it, which errs by 1e-4 of the difference,
 float32 by as much."""
-WITH_ENDS, WITHOUT_ENDS = len(Shape._fields), len(Shape._fields) - 2
-"""Numbers of a shape; where ends are as thick as the rest, how far they reach is none."""
+SECTION, OVERLAP, ENDS = (0, 1), (2,), (3, 4)
+"""Places of numbers in a shape."""
 
 
 def share_of(exponent: float) -> float:
@@ -35,14 +35,20 @@ def exponent_of(share: float) -> float:
     return (max(share, 0.0) / max(1 - share, 1e-9)) ** 2
 
 
+def moving(shape: Shape) -> tuple[int, ...]:
+    """Places of the numbers that a descent moves from a shape: the section's but of caps, and ends that are thicker."""
+    return (() if shape.is_cap else SECTION) + OVERLAP + (ENDS if shape.thicker > 0 else ())
+
+
 def numbers_of(shape: Shape) -> tuple[float, ...]:
-    """Numbers that a descent moves, of a shape."""
+    """Numbers that a descent moves, of a shape; whether it is a cap comes last, and stays."""
     return share_of(shape.exponent), *shape[1:]
 
 
 def shape_of(numbers: Sequence[float]) -> Shape:
     """The shape of a descent's numbers, within what prints have."""
-    return Shape(exponent_of(numbers[0]), *numbers[1:]).clipped()
+    share, parabola, overlap, thicker, end_m, is_cap = numbers
+    return Shape(exponent_of(share), parabola, overlap, thicker, end_m, bool(is_cap)).clipped()
 
 
 def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
@@ -52,18 +58,18 @@ def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
     return changed
 
 
-def by_shape(model: LineModel, lines: torch.Tensor, count: int = WITHOUT_ENDS) -> torch.Tensor:
-    """Derivatives of the relief by the first numbers of its shape [m], shape [count, n, n], by differences.
+def by_shape(model: LineModel, lines: torch.Tensor, places: Sequence[int] = SECTION + OVERLAP) -> torch.Tensor:
+    """Derivatives of the relief by some numbers of its shape [m], shape [K, n, n], by differences.
 
     Central ones where the numbers are not at an end of their range; lines stay as wide at half their height.
     """
     given, numbers, columns = model.shape, numbers_of(model.shape), []
     try:
-        for number, step in enumerate(STEPS[:count]):
+        for number in places:
             at, found = [], []
             for sign in (-1, 1):
                 moved = list(numbers)
-                moved[number] += sign * step
+                moved[number] += sign * STEPS[number]
                 model.shape = shape_of(moved)
                 at.append(numbers_of(model.shape)[number])
                 found.append(model.heights(reshaped(lines, given, model.shape)))
@@ -76,7 +82,7 @@ def by_shape(model: LineModel, lines: torch.Tensor, count: int = WITHOUT_ENDS) -
 class DescentNumbers:
     """Numbers of L lines, 6 each, and of their shape behind them if that is moved, and back.
 
-    Ends move where they are thicker when a descent begins.
+    Which of them move depends on the shape when a descent begins (:func:`moving`).
 
     Args:
         model: of the lines; its shape is set by :meth:`put`.
@@ -86,11 +92,10 @@ class DescentNumbers:
 
     def __init__(self, model: LineModel, count: int, with_section: bool):
         self.model, self.lines, self.with_section = model, count, with_section
-        self._ends = model.shape[WITHOUT_ENDS:]
-        of_shape = WITH_ENDS if model.shape.thicker > 0 else WITHOUT_ENDS
-        self.of_shape = of_shape if with_section else 0
-        """How many numbers of the shape there are."""
-        self.size = 6 * count + self.of_shape
+        self._begun = list(numbers_of(model.shape))
+        self.of_shape = moving(model.shape) if with_section else ()
+        """Places of the shape's numbers that move."""
+        self.size = 6 * count + len(self.of_shape)
 
     def of(self, lines: torch.Tensor, shape: Shape) -> FloatArray:
         """Numbers of lines, shape [L, 6] [m], and their shape; shape [P]."""
@@ -98,14 +103,16 @@ class DescentNumbers:
             return lines.numpy().ravel().copy()
         rows = lines.numpy().copy()
         rows[:, WIDTH] *= half_height(shape) / COSINE_HALF
-        return np.append(rows, numbers_of(shape)[: self.of_shape])
+        return np.append(rows, [numbers_of(shape)[place] for place in self.of_shape])
 
     def put(self, numbers: FloatArray) -> torch.Tensor:
         """Lines of numbers, shape [L, 6] [m], within their limits; the model has their shape afterwards."""
         rows = numbers[: 6 * self.lines].reshape(self.lines, 6).copy()
         if self.with_section:
-            of_shape = numbers[6 * self.lines :].tolist()
-            self.model.shape = shape_of([*of_shape, *self._ends[self.of_shape - WITHOUT_ENDS :]])
+            moved = list(self._begun)
+            for place, number in zip(self.of_shape, numbers[6 * self.lines :].tolist(), strict=True):
+                moved[place] = number
+            self.model.shape = shape_of(moved)
             rows[:, WIDTH] *= COSINE_HALF / half_height(self.model.shape)
         return self.model.clamped(torch.from_numpy(rows))
 
@@ -125,7 +132,7 @@ class DescentNumbers:
     def ends(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and largest values of numbers, where they have the shape of these, shape [P] each."""
         if not self.with_section:
-            return self.model.limits_of(self.lines, 0)
+            return self.model.limits_of(self.lines)
         kept = self.model.shape
         try:
             self.put(numbers)
@@ -135,5 +142,6 @@ class DescentNumbers:
             self.model.shape = kept
         for end in ends:
             end[WIDTH : 6 * self.lines : 6] *= narrower
-            end[6 * self.lines] = share_of(end[6 * self.lines])
+            if SECTION[0] in self.of_shape:
+                end[6 * self.lines] = share_of(end[6 * self.lines])
         return ends

@@ -12,16 +12,17 @@ from nets.reconstruct.fibres.descent_numbers import reshaped
 from nets.reconstruct.fibres.image_fit import ImageFit
 from warp_caustics.prints.model import Shape
 
-TRIED_SHAPES = (Shape(1.0), Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(8.0), Shape(0.35))
-"""Cosine, quarter cosine, parabola, ellipse, a bell, nearly a Gaussian, and a box."""
-ON_THE_WAY = {Shape(8.0): Shape(1.6), Shape(0.5, 1.0): Shape(1.0, 1.0), Shape(0.35): Shape(0.5)}
+PARABOLA, ELLIPSE, CAP = Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.0, 1.0, is_cap=True)
+TRIED_SHAPES = (Shape(1.0), Shape(0.5), PARABOLA, ELLIPSE, CAP, Shape(1.6), Shape(8.0), Shape(0.35))
+"""Cosine, quarter cosine, parabola, ellipse, circular caps, a bell, nearly a Gaussian, and a box."""
+ON_THE_WAY = {Shape(8.0): Shape(1.6), ELLIPSE: PARABOLA, CAP: PARABOLA, Shape(0.35): Shape(0.5)}
 """To sections that are far from a cosine: not tried where these, which come before them, leave more than what lines
 have."""
 OVERLAPS = (1.0, 0.35, 0.0)
 """Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is printed: one of
 these is near enough for descents to find what lies between."""
-ENDS = {"thicker": 0.25, "end_m": 1e-3}
-"""Thicker ends that are tried."""
+THICK_ENDS = 0.25, 1e-3
+"""That are tried: share, and length [m]."""
 TRIAL_ITERATIONS = 8
 """Of L-BFGS with each."""
 MORE_ITERATIONS = 15
@@ -29,6 +30,12 @@ MORE_ITERATIONS = 15
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
+
+
+def with_thick_ends(shape: Shape) -> Shape:
+    """The same with ends that are thicker."""
+    thicker, end_m = THICK_ENDS
+    return shape._replace(thicker=thicker, end_m=end_m)
 
 
 def is_in_vain(shape: Shape, left: Mapping[Shape, float], before: float) -> bool:
@@ -69,7 +76,7 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = Fals
         before, least, crossed = best_lines.loss, OTHER_FACTOR * best_lines.loss, best_shape.overlap
         left: dict[Shape, float] = {}
         for shape in TRIED_SHAPES:
-            if shape[:2] == given[:2] or is_in_vain(shape, left, before):
+            if given.with_section(shape) == given or is_in_vain(shape, left, before):
                 continue
             model.shape = given.with_section(shape)._replace(overlap=crossed)
             found = fit.descend(model.clamped(reshaped(lines, given, shape)), TRIAL_ITERATIONS)
@@ -77,7 +84,7 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = Fals
             if found.loss < min(least, best_lines.loss):
                 best_lines, best_shape = found, model.shape
         if not given.thicker:
-            model.shape = best_shape._replace(**ENDS)
+            model.shape = with_thick_ends(best_shape)
             found = fit.descend(model.clamped(reshaped(lines, given, best_shape)), TRIAL_ITERATIONS)
             if found.loss < OTHER_FACTOR * best_lines.loss:
                 best_lines, best_shape = found, model.shape

@@ -5,15 +5,15 @@ from typing import NamedTuple
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import reshaped
-from nets.reconstruct.fibres.section import ENDS, OTHER_FACTOR, OVERLAPS, is_in_vain
+from nets.reconstruct.fibres.section import CAP, ELLIPSE, OTHER_FACTOR, OVERLAPS, PARABOLA, is_in_vain, with_thick_ends
 from warp_caustics.prints.fit import fit_lines
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
 
-PARABOLA = Shape(1.0, 1.0)
-SHAPES = (Shape(), Shape(0.5), PARABOLA, Shape(0.5, 1.0), Shape(1.6), Shape(8.0))
-"""Cosine, quarter cosine, parabola, ellipse, a bell and nearly a Gaussian: lines found as of one are fitted anew as of
-the others, which told the section of seven reliefs of seven for a tenth of the time that finding them anew takes."""
+SHAPES = (Shape(), Shape(0.5), PARABOLA, ELLIPSE, CAP, Shape(1.6), Shape(8.0))
+"""Cosine, quarter cosine, parabola, ellipse, circular caps, a bell and nearly a Gaussian: lines found as of one are
+fitted anew as of the others, which told the section of seven reliefs of seven for a tenth of the time that finding them
+anew takes."""
 REFIT_FLOORS_M = (3e-4, 4e-5, 4e-6)
 """Expected size of residuals on bare plate in one fit after the other [m]: lines of another section begin far away."""
 REFIT_ITERATIONS = 10
@@ -76,7 +76,7 @@ def starting_lines(
         told = best
         others = [told.shape._replace(overlap=overlap) for overlap in OVERLAPS if overlap != before.shape.overlap]
         if not told.shape.thicker:
-            others.append(told.shape._replace(**ENDS))
+            others.append(with_thick_ends(told.shape))
         for other_shape in others:
             model.shape = other_shape
             best = _better(best, judged(_refitted(model, told.lines, relief_m, spread_m)))
@@ -84,7 +84,7 @@ def starting_lines(
             break
         best = min(best, anew(best), key=lambda start: start.left)
     if best is first and are_few and best.left > FAR_FROM_TOLD * enough:
-        best = _better(best, anew(best._replace(shape=PARABOLA)))
+        best = _better(best, anew(best._replace(shape=best.shape.with_section(PARABOLA))))
     model.shape = best.shape
     return best.lines
 

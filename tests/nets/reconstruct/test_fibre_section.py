@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.descent_numbers import DescentNumbers, by_shape, numbers_of, reshaped, shape_of, share_of
+from nets.reconstruct.fibres.descent_numbers import (
+    ENDS,
+    DescentNumbers,
+    by_shape,
+    numbers_of,
+    reshaped,
+    shape_of,
+    share_of,
+)
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
 from warp_caustics.prints.line import section_height
@@ -256,7 +264,7 @@ def test_derivatives_by_thicker_ends(shape):
     """Against differences ten times as small, in float64 of their sums."""
     model = LineModel(SCENE)
     model.shape = shape
-    found = by_shape(model, LINES, 5)[3:].double()
+    found = by_shape(model, LINES, ENDS).double()
     for number, step in ((3, 2e-3), (4, 4e-6)):
         moved = []
         for sign in (-1, 1):
@@ -307,7 +315,7 @@ def test_numbers_that_would_leave_their_range_are_held(monkeypatch):
     clamped = model.clamped
     monkeypatch.setattr(model, "clamped", lambda rows: heights_of.append(float(rows[0, 5])) or clamped(rows))
     before = fit.loss(model.heights(lines))
-    low, high = model.limits_of(len(lines), 3)
+    low, high = model.limits_of(len(lines), (0, 1, 2))
     assert low.shape == high.shape == (15,) and (low < high).all() and high[5] == highest
     monkeypatch.setattr(
         fit, "with_gradient", lambda h, *_: (before, torch.full_like(h, -1.0), np.zeros(0))

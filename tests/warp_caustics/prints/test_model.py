@@ -8,7 +8,8 @@ from warp_caustics.prints.chains import chains_of
 from warp_caustics.prints.imperfections import thick_ends
 from warp_caustics.prints.line import SECTIONS, line_relief
 from warp_caustics.prints.model import LineModel, Shape, half_height, line_section, lines_of, rows_of, section_edge
-from warp_caustics.prints.paths import PrintedPath, paths_relief
+from warp_caustics.prints.paths import PrintedPath, path_of_line, paths_relief
+from warp_caustics.prints.sections import CrossSection, cap_contact_angle_rad
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
@@ -69,6 +70,33 @@ def test_derivatives_with_thicker_ends(number):
     derivative = model.parts(LINES)[1][:, number]
     difference = (model.parts(LINES + step)[0] - model.parts(LINES - step)[0]) / 4e-6
     assert (difference - derivative).norm() <= 4e-3 * difference.norm()
+
+
+@pytest.mark.parametrize("proportion", [0.05, 0.2, 0.35, 0.45])
+def test_caps_are_circles(proportion):
+    """Of 11 to 84 degrees: the cap of a line's own width and height, against that of prints."""
+    lines = LINES.clone()
+    lines[:, 5] = proportion * lines[:, 4]
+    section = CrossSection("cap", contact_angle_rad=cap_contact_angle_rad(1.0, proportion))
+    paths = [path_of_line(line, section) for line in lines_of(lines)]
+    model = LineModel(SCENE)
+    model.shape = Shape(is_cap=True)
+    expected = paths_relief(paths, 64, SCENE.plate_size_m)
+    np.testing.assert_allclose(model.heights(lines), expected, atol=2e-3 * float(lines[:, 5].max()) * proportion)
+
+
+@pytest.mark.parametrize(("proportion", "exact"), [(0.2, 6e-3), (0.4, 2e-2), (0.6, 0.2)])
+@pytest.mark.parametrize("number", range(6))
+def test_derivatives_of_caps(proportion, exact, number):
+    """With thicker ends; the steeper their edge, the more a difference of few points errs there."""
+    lines, step = LINES.clone(), torch.zeros_like(LINES)
+    lines[:, 5] = proportion * lines[:, 4]
+    model = LineModel(SCENE, supersampling=16)
+    model.shape = Shape(1.0, 1.0, 1.0, 0.3, 2e-3, is_cap=True)
+    step[:, number] = 4e-6
+    derivative = model.parts(lines)[1][:, number]
+    difference = (model.parts(lines + step)[0] - model.parts(lines - step)[0]) / 8e-6
+    assert (difference - derivative).norm() <= exact * difference.norm()
 
 
 def test_no_lines():
