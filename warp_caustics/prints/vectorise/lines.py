@@ -34,22 +34,17 @@ def lines_of_relief(
         Lines, shape [L, 6] (LINE_COLUMNS) [m], float64, on the CPU.
     """
     relief, spread = (values.to(model.device, torch.float32) for values in (relief_m, spread_m))
-    found, has_changed = LineSet(model, relief, spread), True
+    found = LineSet(model, relief, spread)
     for floor in FLOORS_M:
-        if not has_changed and floor != FLOORS_M[-1]:
-            continue
         found.focus(floor)
-        has_changed = False
         for _ in range(ROUNDS):
             if found.grow(most):
-                has_changed = True
                 found.refit(20)
             count = len(found.lines)
             found.merge()
             found.prune()
             if len(found.lines) == count:
                 break
-            has_changed = True
     return fit_lines(model, found.lines, relief, found.sigma, iterations=15)[0]
 
 
