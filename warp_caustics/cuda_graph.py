@@ -28,11 +28,8 @@ def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
     return graph, output
 
 
-Beside = tuple[Callable[..., None], Callable[[], None]]
-"""What is asked of the inputs besides: launches to record, and what the host does after each replay of them."""
-
-Finish = Callable[[torch.Tensor], torch.Tensor]
-"""The last launches of a call, whose result is memory of its own or what they are given."""
+Beside = tuple[Callable[[], None], Callable[..., None]]
+"""What is asked of the inputs besides: what the host does before each replay, and launches to record."""
 
 
 class CudaGraph:
@@ -42,9 +39,7 @@ class CudaGraph:
         call: only launches GPU work, the same for inputs of the same shape; it has run before, so that
             its kernels are loaded.
         inputs: examples of its arguments.
-        beside: recorded as a graph of its own, which the GPU runs at the same time, so that the host can learn what it
-            finds before the call is done. Whoever asks waits for it before the next call.
-        finish: makes the result of what the call returns, launch by launch: what is written there need not be copied.
+        beside: a branch of the graph, so that the host can learn what it finds before the call is done.
     """
 
     def __init__(
@@ -52,51 +47,33 @@ class CudaGraph:
         call: Callable[..., torch.Tensor],
         inputs: tuple[torch.Tensor, ...],
         beside: Beside | None = None,
-        finish: Finish | None = None,
     ):
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
-        self._beside = None if beside is None else _BesideGraph(beside, self.inputs)
-        self._finish = finish
+        self._first = None if beside is None else beside[0]
+
+        def both() -> torch.Tensor:
+            if beside is None:
+                return call(*self.inputs)
+            here, aside = torch.cuda.current_stream(), torch.cuda.Stream(self.inputs[0].device)
+            aside.wait_stream(here)
+            with torch.cuda.stream(aside):
+                beside[1](*self.inputs)
+            found = call(*self.inputs)
+            here.wait_stream(aside)
+            return found
+
         with torch.no_grad():
-            self.graph, self.output = recorded(lambda: call(*self.inputs))
+            self.graph, self.output = recorded(both)
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""
         for kept, given in zip(self.inputs, inputs, strict=True):
             kept.copy_(given)
-        if self._beside is not None:
-            self._beside.are_copied()
+        if self._first is not None:
+            self._first()
         self.graph.replay()
-        if self._beside is not None:
-            self._beside.replay()
         output: torch.Tensor = self.output
-        found = output if self._finish is None else self._finish(output)
-        return output.clone() if found is output else found
-
-
-class _BesideGraph:
-    """Launches on a stream of their own: a GPU that is busy with the call takes them first.
-
-    Args:
-        beside: what is asked of the inputs.
-        inputs: the graph's copies.
-    """
-
-    def __init__(self, beside: Beside, inputs: tuple[torch.Tensor, ...]):
-        begin, self._then = beside
-        with torch.no_grad():
-            self._graph, _ = recorded(lambda: begin(*inputs))
-        self._stream, self._copied = torch.cuda.Stream(inputs[0].device, priority=-1), torch.cuda.Event()
-
-    def are_copied(self) -> None:
-        """Told where the copies are."""
-        self._copied.record(torch.cuda.current_stream(self._stream.device))
-
-    def replay(self) -> None:
-        self._stream.wait_event(self._copied)
-        with torch.cuda.stream(self._stream):
-            self._graph.replay()
-            self._then()
+        return output.clone()
 
 
 class Replays:
@@ -116,18 +93,15 @@ class Replays:
         call: Callable[..., torch.Tensor],
         *inputs: torch.Tensor,
         beside: Beside | None = None,
-        finish: Finish | None = None,
     ) -> torch.Tensor:
-        """Result of a call, through its graph where there is one; the rest as of :class:`CudaGraph`."""
+        """Result of a call, through its graph where there is one; ``beside`` as of :class:`CudaGraph`."""
         key = name, inputs[0].shape[0]
         self._calls[key] = self._calls.get(key, 0) + 1
         if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
             if beside is not None:
-                begin, then = beside
-                begin(*inputs)
-                then()
-            found = call(*inputs)
-            return found if finish is None else finish(found)
+                beside[0]()
+                beside[1](*inputs)
+            return call(*inputs)
         if key not in self._graphs:
-            self._graphs[key] = CudaGraph(call, inputs, beside, finish)
+            self._graphs[key] = CudaGraph(call, inputs, beside)
         return self._graphs[key](*inputs)

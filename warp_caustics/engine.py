@@ -320,13 +320,13 @@ class Engine:
                 such comes an image that means nothing.
             extremes: on a GPU, asked for the heights' before the simulation begins; always the same ones.
         """
-        total = self._total if extremes is None else self._guarded_total
+        image = self._image if extremes is None else self._guarded_image
         if not self._is_small(heights):
             if extremes is not None:
                 extremes.find(heights)
-            return self._unpacked(total(heights))
-        beside = None if extremes is None else (extremes.begin, extremes.mark)
-        return self._replays(total.__name__, total, heights, beside=beside, finish=self._unpacked)
+            return image(heights)
+        beside = None if extremes is None else (extremes.forget, extremes.begin)
+        return self._replays(image.__name__, image, heights, beside=beside)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
@@ -338,22 +338,18 @@ class Engine:
         """Whether starting the launches one by one would take longer than running them."""
         return self.device.type == "cuda" and heights.shape[0] * self.plan.count <= MAX_GRAPH_PHOTONS
 
-    def _total(self, heights: torch.Tensor) -> torch.Tensor:
-        return self._total_of(self.coefficients(heights))
+    def _image(self, heights: torch.Tensor) -> torch.Tensor:
+        return self.image_of(self.coefficients(heights))
 
-    def _guarded_total(self, heights: torch.Tensor) -> torch.Tensor:
+    def _guarded_image(self, heights: torch.Tensor) -> torch.Tensor:
         """The same of heights that may be anything: kernels are not told what is no number."""
-        return self._total_of(self.coefficients(heights, is_guarded=True))
+        return self.image_of(self.coefficients(heights, is_guarded=True))
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         return self.adjoint_of(self.coefficients(heights), grad_image)
 
     def image_of(self, coefficients: torch.Tensor) -> torch.Tensor:
         """Irradiance [B, n_w, m, m] [W/m^2] of :meth:`coefficients`; launches one by one."""
-        return self._unpacked(self._total_of(coefficients))
-
-    def _total_of(self, coefficients: torch.Tensor) -> torch.Tensor:
-        """What all photons bring, as :meth:`_unpacked` takes it."""
         if self.rows is not None:
             return self.rows.image(coefficients, self.fused_photons, self.optics)
         fused = self.fused
@@ -361,10 +357,7 @@ class Engine:
         def add(image: torch.Tensor, chunk: Chunk) -> None:
             fused.splat(coefficients, self.fused_photons(chunk, coefficients), image)
 
-        return self._sum(fused.image_shape(coefficients.shape[0]), add, fused.sum_dtype)
-
-    def _unpacked(self, total: torch.Tensor) -> torch.Tensor:
-        return total if self.rows is not None else self.fused.unpacked(total)
+        return fused.unpacked(self._sum(fused.image_shape(coefficients.shape[0]), add, fused.sum_dtype))
 
     def adjoint_of(self, coefficients: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights whose :meth:`coefficients` these are; likewise."""
