@@ -12,6 +12,7 @@ coefficients than samples are kept on either side.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -42,6 +43,12 @@ def prefilter_matrix(n: int, first: int = 0, last: int | None = None) -> FloatAr
         first: of these rows.
         last: before which they end; None for all.
     """
+    return _prefilter_rows(n, first, last).copy()
+
+
+@lru_cache(maxsize=16)
+def _prefilter_rows(n: int, first: int, last: int | None) -> FloatArray:
+    # A search for lines and bench makes simulators by the dozen, of one grid.
     rows = np.arange(n + 2 * MARGIN)[first:last] - MARGIN
     columns = np.arange(rows[0] - PREFILTER_REACH, rows[-1] + PREFILTER_REACH + 1)
     response = math.sqrt(3.0) * _POLE ** np.abs(rows[:, None] - columns[None, :])

@@ -169,6 +169,7 @@ class LineModel:
         (low_w, high_w), (low_h, high_h) = self.limits.width_m, self.limits.height_m
         self._low = torch.tensor([*(-half).tolist() * 2, low_w, low_h], dtype=torch.float64)
         self._high = torch.tensor([*half.tolist() * 2, high_w, high_h], dtype=torch.float64)
+        self._wider, self._widened = 1.0, (self._low, self._high)
         self._step = torch.tensor(LARGEST_STEP_M, dtype=torch.float64)
 
     def parts(self, lines: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -223,10 +224,11 @@ class LineModel:
     def _ends(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Least and largest numbers of a line of the present section, shape [6] [m]."""
         wider = max(1.0, COSINE_HALF / half_height(self.shape))
-        low, high = self._low.clone(), self._high.clone()
-        low[WIDTH] *= wider
-        high[WIDTH] *= wider**WIDER_BELLS
-        return low, high
+        if wider != self._wider:
+            self._wider, self._widened = wider, (self._low.clone(), self._high.clone())
+            self._widened[0][WIDTH] *= wider
+            self._widened[1][WIDTH] *= wider**WIDER_BELLS
+        return self._widened
 
     def over(self, heights: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
         """Lines printed over others [m]; shapes that broadcast."""

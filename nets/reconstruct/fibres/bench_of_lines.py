@@ -122,17 +122,24 @@ class Bench:
 
     def light(self, pixels: int) -> FloatArray:
         """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""
-        return 1 + np.tensordot(self.field, field_modes(len(self.field) - 5, pixels), 1)
+        channels = len(self.field) - 5
+        own, shared = 1 + self.field[:channels, None, None], self.field[channels:]
+        light: FloatArray = own + np.tensordot(shared, shared_modes(pixels), 1) if shared.any() else own
+        return np.broadcast_to(light, (channels, pixels, pixels))
 
 
 def field_modes(channels: int, pixels: int) -> FloatArray:
     """Patterns of :attr:`Bench.field`, shape [n_w + 5, n_w, m, m]."""
+    own = np.eye(channels)[:, :, None, None] * np.ones((pixels, pixels))
+    modes: FloatArray = np.concatenate([own, np.repeat(shared_modes(pixels)[:, None], channels, axis=1)])
+    return modes
+
+
+def shared_modes(pixels: int) -> FloatArray:
+    """Patterns that channels have in common, shape [5, m, m]."""
     x = (np.arange(pixels) + 0.5) * (2 / pixels) - 1
     along_x, along_y = np.broadcast_to(x, (pixels, pixels)), np.broadcast_to(x[:, None], (pixels, pixels))
-    own = np.eye(channels)[:, :, None, None] * np.ones((pixels, pixels))
-    shared = np.stack([along_x, along_y, along_x**2 - 1 / 3, along_x * along_y, along_y**2 - 1 / 3])
-    modes: FloatArray = np.concatenate([own, np.repeat(shared[:, None], channels, axis=1)])
-    return modes
+    return np.stack([along_x, along_y, along_x**2 - 1 / 3, along_x * along_y, along_y**2 - 1 / 3])
 
 
 def seen_on(

@@ -110,6 +110,14 @@ def test_patterns_of_light_are_even_on_average_but_for_brightness():
     np.testing.assert_array_equal(modes[:3].mean(axis=(2, 3)), np.eye(3))
 
 
+def test_light_of_a_bench_is_the_sum_of_its_patterns():
+    field = np.random.default_rng(0).uniform(-0.1, 0.1, 8)
+    for amplitudes in (field, np.append(field[:3], np.zeros(5)), np.zeros(8)):
+        bench = dataclasses.replace(Bench.told(numbers()), field=amplitudes)
+        expected = 1 + np.tensordot(amplitudes, field_modes(3, 16), 1)
+        np.testing.assert_allclose(bench.light(16), expected, rtol=1e-12)
+
+
 def test_gradient_by_what_is_beside():
     """Against differences of the loss."""
     image = photographed(Bench.told(numbers()))
