@@ -193,6 +193,45 @@ def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
     return print_strokes
 
 
+@no_type_check
+@wp.func
+def across(
+    exponent: wp.float32,
+    parabola: wp.float32,
+    edge: wp.float32,
+    is_cap: wp.bool,
+    distance: wp.float32,
+    width: wp.float32,
+    height: wp.float32,
+    step: wp.float32,
+    is_steep: wp.bool,
+):
+    """Height of a line [m] at a distance from its middle, and its derivatives by distance, width and height [1].
+
+    Of sections that are steep at their edge the slope is the mean over a ``step`` [m].
+    """
+    inside = distance < 0.5 * edge * width
+    if is_cap:
+        if inside:
+            return cap_height(distance, width, height)
+        return wp.vec4(0.0, 0.0, 0.0, 0.0)
+    t = 2.0 * distance / width
+    section = wp.vec2(0.0, 0.0)
+    if inside:
+        section = line_section(exponent, parabola, t)
+    slope = section[1]
+    if is_steep:
+        slope = mean_slope(exponent, parabola, t, 2.0 * step / width)
+    return wp.vec4(height * section[0], height * slope * 2.0 / width, -height * slope * t / width, section[0])
+
+
+@no_type_check
+@wp.func
+def steep_edge(exponent: wp.float32, parabola: wp.float32):
+    """Whether the slope of a section has no bound where it ends."""
+    return exponent < 1.0 and (parabola > 0.0 or exponent < 0.5)
+
+
 LineCell = wp.types.vector(length=7, dtype=wp.float32)
 """Height of one line in a cell [m], and its derivatives by the line's six numbers [1]."""
 
@@ -228,8 +267,9 @@ def line_cell(
     found = LineCell()
     # What a point stands for, and how far beyond the edge it may lie to have a part of it on the line.
     side = 0.5 * (pitch[0] + pitch[1]) / wp.float32(supersampling)
+    is_steep = steep_edge(exponent, parabola)
     beyond = wp.float32(0.0)
-    if exponent < 1.0 and (parabola > 0.0 or exponent < 0.5):
+    if is_steep:
         beyond = 0.5 * side
     for sub in range(-1, supersampling * supersampling):
         # The first round is the cell's centre: most cells are far from the line.
@@ -251,20 +291,7 @@ def line_cell(
                 thickness += more
                 falls = -2.0 * more * way / ends[1]
             wide = thickness * width
-            # Height, and its derivatives by distance, width and height.
-            told = wp.vec4(0.0, 0.0, 0.0, 0.0)
-            if is_cap:
-                if distance < 0.5 * wide:
-                    told = cap_height(distance, wide, thickness * height)
-            else:
-                section = wp.vec2(0.0, 0.0)
-                if distance < 0.5 * edge * wide:
-                    section = line_section(exponent, parabola, 2.0 * distance / wide)
-                slope = section[1]
-                if beyond > 0.0:
-                    slope = mean_slope(exponent, parabola, 2.0 * distance / wide, 2.0 * side / wide)
-                by_distance = thickness * height * slope * 2.0 / wide
-                told = wp.vec4(thickness * height * section[0], by_distance, -by_distance * distance / wide, section[0])
+            told = across(exponent, parabola, edge, is_cap, distance, wide, thickness * height, side, is_steep)
             # Moving the nearest point along the line changes r in second order only.
             outward = told[1] / wp.max(distance, 1.0e-15) * gap
             found[0] += told[0]
