@@ -28,9 +28,9 @@ from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.uncertainty import of_lines
+from nets.reconstruct.fibres.waves import WavyLines, waves_of
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
-from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -104,6 +104,8 @@ class LinesOfImage:
         self.covariance: FloatArray | None = None
         """Of lines and bench, where both were found; ``counted`` are those lines."""
         self.counted = self.lines
+        self.waves: WavyLines | None = None
+        """Along the lines, where they explain clearly more."""
         self.moves_section = False
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
@@ -118,7 +120,7 @@ class LinesOfImage:
         here = "network again" if self.is_elsewhere else "network"
         self.timings[here] = self.log.elapsed_s - sum(self.timings.values())
         try:
-            self.fit_to(self._answered())
+            self.fit_to(Answer.of(self.answer, self.most_lines))
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and not self.is_in_vain:
                 self._fit_with_all()
@@ -128,6 +130,8 @@ class LinesOfImage:
             if self.covariance is not None and self.counted is not self.lines:
                 self.covariance = self._together(self.view.blur_px).covariance(self.lines, self.bench)
                 self.counted = self.lines
+            if len(self.lines) and self.method.options.waves:
+                self._fit_with_waves()
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
         if self.counted is not self.lines:
@@ -181,7 +185,7 @@ class LinesOfImage:
         found_at = None
         if self.takes_lines:
             view, fibres = self.view, self.lines.numpy()
-            heights, counters["explained_by"] = view.relief(self.lines), "fibres"
+            heights, counters["explained_by"] = self.relief(), "fibres"
         if method.options.refine and self.reason == "converged" and not is_noise_left:
             settled = refined(self, view, heights)
             heights, counters["refinement"], found_at = settled.heights, settled.outcome, settled.found_at
@@ -233,18 +237,21 @@ class LinesOfImage:
             return result
         return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
 
+    def _fit_with_waves(self) -> None:
+        """Lines that vary along their way; their numbers' covariance is another one then, and not known."""
+        self.waves = waves_of(self)
+        if self.waves is not None:
+            self.lines, self.covariance = self.waves.lines, None
+            self.counters["waves"] = self.waves.record
+
+    def relief(self) -> FloatArray:
+        """Of the lines, shape [n, n] [m]."""
+        return self.view.relief(self.lines) if self.waves is None else self.view.glass(self.waves.heights)
+
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
-        found, left = self.view.relief(self.lines), self.view.resimulation
+        found, left = self.relief(), self.view.resimulation
         return found, left(found).residual, left(self.answer.heights_m).residual
-
-    def _answered(self) -> Answer:
-        """What the network said first."""
-        heights = torch.as_tensor(self.answer.heights_m)
-        if self.answer.uncertainty_m is None:
-            return Answer(heights, torch.zeros_like(heights), self.most_lines)
-        spread = torch.as_tensor(self.answer.uncertainty_m) / DIRECT_CALIBRATION.scale
-        return Answer(heights, spread, self.most_lines)
 
     def fit_to(self, answer: Answer) -> None:
         """Lines on the bench that was told, or found without them, from what a network says."""
@@ -274,7 +281,7 @@ class LinesOfImage:
         ``others`` of another search may be better in places.
         """
         method, device, view = self.method, self.method.device, self.view
-        answer = answer or self._answered()
+        answer = answer or Answer.of(self.answer, self.most_lines)
         relief_m, spread_m = (each.to(device, torch.float32) for each in (answer.relief_m, answer.spread_m))
         search = LineSearch(
             view.scene,
@@ -288,7 +295,7 @@ class LinesOfImage:
             answer=Answer(relief_m, spread_m, answer.most),
             others=others,
             view=view,
-            report=self._note,
+            report=self.note,
             blur_px=view.blur_px,
         )
         try:
@@ -371,7 +378,7 @@ class LinesOfImage:
         """Finds bench and lines with a camera's blur [px], shape [n_w]."""
         few = usual_pixels(self.method.scene)
         about = self.numbers, self.told.image, self.model, few, blur_px
-        return BenchOfLines(*about, with_section=self.moves_section, report=self._note)
+        return BenchOfLines(*about, with_section=self.moves_section, report=self.note)
 
     def _misfit(self, image: CausticImage, blur_px: FloatArray, scene: Scene) -> float:
         """Of the lines so far in a scene, at its exposure."""
@@ -387,5 +394,6 @@ class LinesOfImage:
             camera = plain.found_camera(self.told.relief(self.lines))
         return LinesView(plain.through(camera), self.model)
 
-    def _note(self, loss: float) -> None:
+    def note(self, loss: float) -> None:
+        """Told after each evaluation; raises where the time is over."""
         self.log.note("fibres", None, objective=loss)

@@ -49,7 +49,11 @@ class LinesView:
 
     def relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""
-        return as_glass(self.model.heights(lines).double().cpu().numpy(), self.scene)
+        return self.glass(self.model.heights(lines))
+
+    def glass(self, heights: torch.Tensor) -> FloatArray:
+        """Heights that a plate can have, shape [n, n] [m]."""
+        return as_glass(heights.double().cpu().numpy(), self.scene)
 
     def left(self, lines: torch.Tensor) -> float | None:
         """Discrepancy of lines in the whole image; None if the noise of the image is unknown.

@@ -28,6 +28,9 @@ class FibresOptions(DirectOptions):
     """How often lines that leave part of the image unexplained are searched for anew, from where heights go and from
     what a network says that is shown them; each takes as long as the first search. None: twice on a GPU, never on a
     CPU."""
+    waves: bool = True
+    """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
+    than noise."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
     """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""

@@ -21,8 +21,9 @@ from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.section import with_section_found
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -56,6 +57,14 @@ class Answer:
     relief_m: torch.Tensor
     spread_m: torch.Tensor
     most: int = 60
+
+    @classmethod
+    def of(cls, found: Reconstruction, most: int) -> "Answer":
+        """What it says first, before its relief is refined."""
+        heights = torch.as_tensor(found.heights_m)
+        if found.uncertainty_m is None:
+            return cls(heights, torch.zeros_like(heights), most)
+        return cls(heights, torch.as_tensor(found.uncertainty_m) / DIRECT_CALIBRATION.scale, most)
 
 
 class LineSearch:

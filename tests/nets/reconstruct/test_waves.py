@@ -1,0 +1,110 @@
+"""Waves along lines, found on a small scene."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.waves import straight, waves_of, with_waves
+from tests.nets.reconstruct.three_lines import LINES, SCENE, N
+from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.wavy_model import WavyModel, knot_counts
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.simulator import CausticSimulator
+
+NOISE = 0.01
+
+
+@pytest.fixture(scope="module")
+def model():
+    return LineModel(SCENE)
+
+
+def printed(model, share=0.04, aside_m=5e-5):
+    """Lines with two waves of thickness and way along each."""
+    counts = knot_counts(LINES)
+    at = np.linspace(0, 1, int(counts.max()))
+    turns = np.random.default_rng(3).uniform(0, 2 * np.pi, (len(LINES), 2, 1))
+    knots = np.sin(2 * np.pi * 4 * at + turns) * np.array([share, aside_m])[:, None]
+    return WavyModel(model, counts).heights(LINES, torch.from_numpy(knots.transpose(0, 2, 1).copy()))
+
+
+def seen(heights):
+    shown = CausticSimulator(SCENE)(heights).numpy()
+    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
+
+
+def error_um(found, truth):
+    return 1e6 * float((found - truth).square().mean().sqrt())
+
+
+def run_on(model, image, lines, of_network):
+    """What of a run is asked."""
+    plain = Resimulation(CausticSimulator(SCENE), image, np.ones(3))
+    view = LinesView(plain.through(ChannelCamera.perfect(3, SCENE.image_pixels)), model)
+    relief = view.relief(lines)
+    return SimpleNamespace(
+        lines=lines,
+        view=view,
+        model=model,
+        left=lambda: (relief, view.resimulation(relief).residual, of_network),
+        note=lambda loss: None,
+    )
+
+
+def test_waves_are_found_with_the_lines(model):
+    truth = printed(model)
+    fit = ImageFit(SCENE, seen(truth), model, 4 * N)
+    start = straight(model, LINES + 1e-5)
+    found = with_waves(fit, start, 80, NOISE)
+    before = error_um(start.heights, truth)
+    assert before > 8 and error_um(found.heights, truth) < 0.3 * before
+    assert fit.loss(found.heights) < 0.2 * fit.loss(start.heights)
+    assert found.thickness == pytest.approx(0.04 / np.sqrt(2), rel=0.3)
+    assert found.record == {"thickness": found.thickness, "aside_m": found.aside_m}
+
+
+def test_noise_makes_no_waves(model):
+    """Of lines that are straight, what is believed of waves holds them."""
+    truth = model.heights(LINES)
+    found = with_waves(ImageFit(SCENE, seen(truth), model, 4 * N), straight(model, LINES), 40, NOISE)
+    assert found.thickness < 0.004 and found.aside_m < 8e-6
+    assert error_um(found.heights, truth) < 1.0
+
+
+def test_waves_are_tried_where_straight_lines_leave_more_than_noise(model):
+    image, straight_image = seen(printed(model)), seen(model.heights(LINES))
+    assert waves_of(run_on(model, straight_image, LINES, of_network=1.0)) is None
+    run = run_on(model, image, LINES, of_network=1.0)
+    found = waves_of(run)
+    assert error_um(found.heights, printed(model)) < 0.6 * error_um(model.heights(LINES), printed(model))
+    assert waves_of(run_on(model, image, LINES, of_network=1e-6)) is None, "what the network knows better is no line"
+    off = LINES.clone()
+    off[0, :4] += 4e-3
+    assert waves_of(run_on(model, image, off, of_network=1.0)) is None, "no waves lead from a wrong line to a right one"
+
+
+def test_a_run_that_is_out_of_time_ends(model):
+    def late(loss):
+        raise KeyboardInterrupt
+
+    run = run_on(model, seen(printed(model)), LINES, of_network=1.0)
+    run.note = late
+    with pytest.raises(KeyboardInterrupt):
+        waves_of(run)
+
+
+def test_what_varies_is_told_of_the_knots_that_there_are(model):
+    lines = LINES.clone()
+    lines[1, 2:4] = lines[1, :2] + torch.tensor([2e-3, 0.0], dtype=torch.float64)
+    start = straight(model, lines)
+    knots = torch.full_like(start.knots, 0.02)
+    knots[1, int(start.counts[1]) :] = 7.0
+    assert dataclasses.replace(start, knots=knots).thickness == pytest.approx(0.02)
