@@ -66,7 +66,7 @@ def test_waves_are_found_with_the_lines(model):
     found = with_waves(fit, start, 80, NOISE)
     before = error_um(start.heights, truth)
     assert before > 8 and error_um(found.heights, truth) < 0.3 * before
-    assert fit.loss(found.heights) < 0.2 * fit.loss(start.heights)
+    assert fit.loss(found.heights) < 0.3 * fit.loss(start.heights)
     assert found.thickness == pytest.approx(0.04 / np.sqrt(2), rel=0.3)
     assert found.record == {"thickness": found.thickness, "aside_m": found.aside_m}
 
@@ -86,9 +86,8 @@ def test_waves_are_tried_where_straight_lines_leave_more_than_noise(model):
     found = waves_of(run)
     assert error_um(found.heights, printed(model)) < 0.6 * error_um(model.heights(LINES), printed(model))
     assert waves_of(run_on(model, image, LINES, of_network=1e-6)) is None, "what the network knows better is no line"
-    off = LINES.clone()
-    off[0, :4] += 4e-3
-    assert waves_of(run_on(model, image, off, of_network=1.0)) is None, "no waves lead from a wrong line to a right one"
+    few = LINES[1:]
+    assert waves_of(run_on(model, image, few, of_network=1.0)) is None, "waves do not stand in for a line"
 
 
 def test_a_run_that_is_out_of_time_ends(model):
