@@ -27,7 +27,7 @@ from nets.reconstruct.fibres.refined_lines import refined
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
-from nets.reconstruct.fibres.uncertainty import of_lines
+from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
 from nets.reconstruct.fibres.waves import WavyLines, waves_of
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from nets.reconstruct.network_io import network_result
@@ -208,7 +208,8 @@ class LinesOfImage:
                 posterior = height_deviation(self.model, self.lines, self.covariance)
             flat = method.options.flatness_beside
             places = view.discrepancy.places(heights) if is_noise_left else None
-            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places)
+            of = calibration_of(self.model.shape, has_waves=self.waves is not None)
+            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
         result = network_result(
             method.name,
             view.resimulation,

@@ -27,8 +27,8 @@ than two of these."""
 LINE_SCALES_M = (3e-5, 3e-5, 3e-5, 3e-5, 3e-5, 1e-5)
 """Changes of a line's numbers (LINE_COLUMNS) that change an image about as much as one deviation of a wave."""
 TOGETHER_PX = 5.0
-"""Pixels that err together: so many times less do they tell than if they were independent. With a hundred an own plate of
-seven lines, 6 % of noise, ended 3.0 um off, with a sixteenth of that 1.3; straight ones 10.3."""
+"""Pixels that err together: so many times less do they tell than if they were independent. With a hundred an own plate
+of seven lines, 6 % of noise, ended 3.0 um off, with five 1.3; straight ones 10.3."""
 FEW_ITERATIONS, ALL_ITERATIONS = 80, 25
 """Of L-BFGS at few pixels, and at all."""
 ALSO_TRIED = 2.0

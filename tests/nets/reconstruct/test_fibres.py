@@ -22,6 +22,7 @@ from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_record import is_picture_larger
 from warp_caustics.found_bench.picture_size import enlarged, way_of_light_m
 from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
@@ -183,6 +184,28 @@ def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image,
     assert "without lines" in result.timings_s and "network again" not in result.timings_s
     bump = answering(np.full((N, N), 1e-4), refine=False, jumps=0, most_lines=1).reconstruct(image)
     assert len(asked) == 2 and bump.counters["explained_by"] == "network"
+
+
+@pytest.mark.parametrize("waves", [False, True])
+def test_lines_that_vary_along_their_way(monkeypatch, model, answering, waves):
+    """Of a print whose lines are 4 % thicker and thinner, and 50 um aside, where the network's relief told the lines."""
+    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.starting_lines", lambda *_, **__: LINES + 1e-5)
+    counts = knot_counts(LINES)
+    turns = 8 * np.pi * np.linspace(0, 1, int(counts.max()))
+    knots = np.stack([0.04 * np.sin(turns), 5e-5 * np.cos(turns)], axis=1)
+    printed = WavyModel(model, counts).heights(LINES, torch.from_numpy(np.repeat(knots[None], len(LINES), axis=0)))
+    shown = CausticSimulator(SCENE)(printed).numpy()
+    noise = 0.01 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.01))
+    truth = printed.double().numpy()
+    wrong = truth + 4e-5 * np.random.default_rng(1).standard_normal(truth.shape)
+    result = answering(wrong, refine=False, jumps=0, set_up="known", waves=waves).reconstruct(image)
+    error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
+    assert result.counters["explained_by"] == "fibres" and ("waves" in result.counters) == waves
+    assert error < 4.0 if waves else error > 8.0
+    if waves:
+        assert result.counters["waves"]["thickness"] == pytest.approx(0.028, abs=0.01)
+        np.testing.assert_allclose(result.fibres_m, LINES, atol=3e-4)
 
 
 @pytest.mark.parametrize("is_picture", [False, True])
