@@ -90,7 +90,8 @@ def cap_height(distance: wp.float32, width: wp.float32, height: wp.float32):
     by_radius = radius / root - 1.0
     by_half = by_radius * half / crown
     by_crown = 1.0 + by_radius * 0.5 * (1.0 - half * half / (crown * crown))
-    above = root - radius + crown
+    # R - sqrt(R^2 - r^2) without a difference of nearly equal numbers: of a flat cap that would be below 0 at its edge.
+    above = wp.max(crown - distance * distance / (radius + root), 0.0)
     if drawn > 1.0:
         by_half += by_crown - above / crown
         by_crown = above / crown

@@ -20,7 +20,7 @@ from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.section import with_section_found
+from nets.reconstruct.fibres.section import with_caps, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -163,7 +163,10 @@ class LineSearch:
             if self.is_in_vain:
                 return self.lines
             found = self.fine.descend(coarse.lines, self.iterations // 2, with_section=self.moves_section)
-            self.lines = found.lines if self.answer is None else pruned(self.fine, found.lines).lines
+            start = found.lines
+            if self.moves_section:
+                start = with_caps(self.fine, start, found.loss, self.iterations // 2)
+            self.lines = start if self.answer is None else pruned(self.fine, start).lines
         else:
             self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines
         for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):

@@ -13,9 +13,9 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from warp_caustics.prints.model import Shape
 
 PARABOLA, ELLIPSE, CAP = Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.0, 1.0, is_cap=True)
-TRIED_SHAPES = (Shape(1.0), Shape(0.5), PARABOLA, ELLIPSE, CAP, Shape(1.6), Shape(8.0), Shape(0.35))
-"""Cosine, quarter cosine, parabola, ellipse, circular caps, a bell, nearly a Gaussian, and a box."""
-ON_THE_WAY = {Shape(8.0): Shape(1.6), ELLIPSE: PARABOLA, CAP: PARABOLA, Shape(0.35): Shape(0.5)}
+TRIED_SHAPES = (Shape(1.0), Shape(0.5), PARABOLA, ELLIPSE, Shape(1.6), Shape(8.0), Shape(0.35))
+"""Cosine, quarter cosine, parabola, ellipse, a bell, nearly a Gaussian, and a box."""
+ON_THE_WAY = {Shape(8.0): Shape(1.6), ELLIPSE: PARABOLA, Shape(0.35): Shape(0.5)}
 """To sections that are far from a cosine: not tried where these, which come before them, leave more than what lines
 have."""
 OVERLAPS = (1.0, 0.35, 0.0)
@@ -27,6 +27,10 @@ TRIAL_ITERATIONS = 8
 """Of L-BFGS with each."""
 MORE_ITERATIONS = 15
 """Of L-BFGS in which the section moves with the best lines."""
+NEARLY_PARABOLA = 0.5
+"""Share of the parabola in a section from which on it may be that of caps, which lie between parabola and ellipse."""
+CAP_FACTOR = 0.98
+"""By which caps must lower the misfit: they have no number of their own."""
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
@@ -36,6 +40,29 @@ def with_thick_ends(shape: Shape) -> Shape:
     """The same with ends that are thicker."""
     thicker, end_m = THICK_ENDS
     return shape._replace(thicker=thicker, end_m=end_m)
+
+
+def with_caps(fit: ImageFit, lines: torch.Tensor, loss: float, iterations: int) -> torch.Tensor:
+    """Lines as circular caps, shape [L, 6] [m], where the image likes these better; the model has their shape then.
+
+    Asked of lines whose section has been moved: a section with two numbers of its own is nearly a cap, and one that has
+    been tried for a few steps only would not tell caps from ellipses, which tall lines have in common.
+
+    Args:
+        fit: judges.
+        lines: found with that section, shape [L, 6] [m].
+        loss: that they have.
+        iterations: of L-BFGS.
+    """
+    model, given = fit.model, fit.model.shape
+    if given.is_cap or given.parabola < NEARLY_PARABOLA or not len(lines):
+        return lines
+    model.shape = given.with_section(CAP)
+    found = fit.descend(model.clamped(reshaped(lines, given, model.shape)), iterations, with_section=True)
+    if found.loss < CAP_FACTOR * loss:
+        return found.lines
+    model.shape = given
+    return lines
 
 
 def is_in_vain(shape: Shape, left: Mapping[Shape, float], before: float) -> bool:

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import reshaped
-from nets.reconstruct.fibres.section import CAP, ELLIPSE, OTHER_FACTOR, OVERLAPS, PARABOLA, is_in_vain, with_thick_ends
+from nets.reconstruct.fibres.section import ELLIPSE, OTHER_FACTOR, OVERLAPS, PARABOLA, is_in_vain, with_thick_ends
 from warp_caustics.prints.fit import fit_lines
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
 
-SHAPES = (Shape(), Shape(0.5), PARABOLA, ELLIPSE, CAP, Shape(1.6), Shape(8.0))
-"""Cosine, quarter cosine, parabola, ellipse, circular caps, a bell and nearly a Gaussian: lines found as of one are
+SHAPES = (Shape(), Shape(0.5), PARABOLA, ELLIPSE, Shape(1.6), Shape(8.0))
+"""Cosine, quarter cosine, parabola, ellipse, a bell and nearly a Gaussian: lines found as of one are
 fitted anew as of the others, which told the section of seven reliefs of seven for a tenth of the time that finding them
 anew takes."""
 REFIT_FLOORS_M = (3e-4, 4e-5, 4e-6)

@@ -15,6 +15,7 @@ from nets.reconstruct.fibres.descent_numbers import (
 )
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
+from nets.reconstruct.fibres.section import with_caps
 from warp_caustics.prints.line import section_height
 from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
 from warp_caustics.reconstruct.base import CausticImage
@@ -257,6 +258,27 @@ def test_thicker_ends_are_found():
     assert model.shape.thicker == pytest.approx(truth.thicker, abs=0.05)
     assert model.shape.end_m == pytest.approx(truth.end_m, rel=0.2)
     assert 1e6 * float((model.heights(found) - heights).square().mean().sqrt()) < 2.5
+
+
+@pytest.mark.parametrize(
+    ("printed", "is_cap"), [(Shape(is_cap=True), True), (Shape(0.5, 1.0), False), (Shape(1.0, 1.0), False)]
+)
+def test_caps_are_told_from_what_is_nearly_one(printed, is_cap):
+    """From lines whose section has been found by its numbers; half ellipses and parabolas are no caps."""
+    lines = LINES.clone()
+    lines[:, 5] = torch.tensor([0.2, 0.42, 0.3])[: len(lines)] * lines[:, 4]
+    heights = model_of(*printed).heights(lines)
+    shown = CausticSimulator(SCENE)(heights).numpy()
+    noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(2, 0.005))
+    model = model_of(0.8, 1.0)
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    found = fit.descend(model.clamped(lines + OFF), 40, with_section=True)
+    kept = with_caps(fit, found.lines, found.loss, 40)
+    assert model.shape.is_cap == is_cap
+    assert torch.equal(kept, found.lines) != is_cap
+    if is_cap:
+        assert 1e6 * float((model.heights(kept) - heights).square().mean().sqrt()) < 1.5
 
 
 @pytest.mark.parametrize("shape", [Shape(1.0, 0.2, 0.9, 0.3, 1.5e-3), Shape(0.6, 0.0, 1.0, 0.1, 5e-4)])

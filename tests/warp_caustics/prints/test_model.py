@@ -85,6 +85,18 @@ def test_caps_are_circles(proportion):
     np.testing.assert_allclose(model.heights(lines), expected, atol=2e-3 * float(lines[:, 5].max()) * proportion)
 
 
+def test_flat_caps_merge():
+    """Nowhere below the plate, so that powers of their heights are numbers: 10 um on 4 mm are a circle of 0.4 m."""
+    lines = LINES.clone()
+    lines[:, 4], lines[:, 5] = 4e-3, torch.tensor([1e-5, 2e-4])
+    model = LineModel(SCENE)
+    for overlap in (0.0, 0.35, 1.0):
+        model.shape = Shape(1.0, 1.0, overlap, is_cap=True)
+        assert float(model.parts(lines)[0].min()) >= 0
+        relief, derivatives = model.with_jacobian(lines)
+        assert torch.isfinite(relief).all() and torch.isfinite(derivatives).all()
+
+
 @pytest.mark.parametrize(("proportion", "exact"), [(0.2, 6e-3), (0.4, 2e-2), (0.6, 0.2)])
 @pytest.mark.parametrize("number", range(6))
 def test_derivatives_of_caps(proportion, exact, number):
