@@ -77,6 +77,12 @@ PLACES = (
     Place("docs/learned.md", "### The paper's iteration", {**OLD, **ABLATIONS}, LEARNED),
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
+    Place(
+        "docs/learned.md",
+        "### Prints as machines make them",
+        DIRECT,
+        "own plates of rows of prints: data_gen.suites.print_shapes with another SEED",
+    ),
     Place("docs/learned.md", "## Uncertainty", DIRECT, f"{OWN} --calibrate"),
     Place("docs/any_image.md", "## What it costs", {**DIRECT, **FAMILY}, "python -m benchmarks.any_image --force"),
     Place(
