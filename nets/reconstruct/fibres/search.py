@@ -165,7 +165,7 @@ class LineSearch:
             found = self.fine.descend(coarse.lines, self.iterations // 2, with_section=self.moves_section)
             start = found.lines
             if self.moves_section:
-                start = with_caps(self.fine, start, found.loss, self.iterations // 2)
+                start = with_caps(self.fine, start, self.iterations // 2)
             self.lines = start if self.answer is None else pruned(self.fine, start).lines
         else:
             self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines

@@ -29,8 +29,6 @@ MORE_ITERATIONS = 15
 """Of L-BFGS in which the section moves with the best lines."""
 NEARLY_PARABOLA = 0.5
 """Share of the parabola in a section from which on it may be that of caps, which lie between parabola and ellipse."""
-CAP_FACTOR = 0.98
-"""By which caps must lower the misfit: they have no number of their own."""
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
@@ -42,27 +40,28 @@ def with_thick_ends(shape: Shape) -> Shape:
     return shape._replace(thicker=thicker, end_m=end_m)
 
 
-def with_caps(fit: ImageFit, lines: torch.Tensor, loss: float, iterations: int) -> torch.Tensor:
-    """Lines as circular caps, shape [L, 6] [m], where the image likes these better; the model has their shape then.
+def with_caps(fit: ImageFit, lines: torch.Tensor, iterations: int) -> torch.Tensor:
+    """Lines whose section moves, or circular caps, shape [L, 6] [m]; the model has the shape that explains more then.
 
-    Asked of lines whose section has been moved: a section with two numbers of its own is nearly a cap, and one that has
-    been tried for a few steps only would not tell caps from ellipses, which tall lines have in common.
+    Asked of lines whose section has been moved: one with two numbers of its own is nearly a cap, and one that has been
+    tried for a few steps only would not tell caps from ellipses, which tall lines have in common. Caps have no number:
+    where both descend as long, and caps leave less, they are.
 
     Args:
         fit: judges.
         lines: found with that section, shape [L, 6] [m].
-        loss: that they have.
-        iterations: of L-BFGS.
+        iterations: of L-BFGS, for each.
     """
     model, given = fit.model, fit.model.shape
     if given.is_cap or given.parabola < NEARLY_PARABOLA or not len(lines):
         return lines
+    plain, as_found = fit.descend(lines, iterations, with_section=True), model.shape
     model.shape = given.with_section(CAP)
-    found = fit.descend(model.clamped(reshaped(lines, given, model.shape)), iterations, with_section=True)
-    if found.loss < CAP_FACTOR * loss:
-        return found.lines
-    model.shape = given
-    return lines
+    caps = fit.descend(model.clamped(reshaped(lines, given, model.shape)), iterations, with_section=True)
+    if caps.loss < plain.loss:
+        return caps.lines
+    model.shape = as_found
+    return plain.lines
 
 
 def is_in_vain(shape: Shape, left: Mapping[Shape, float], before: float) -> bool:
