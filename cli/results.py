@@ -172,6 +172,20 @@ def rest_lines(record: Mapping[str, Any]) -> list[str]:
     return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]
 
 
+def made_words(record: Mapping[str, Any]) -> str:
+    """How lines are made beside their section: caps, thicker ends, waves; each with a comma before it."""
+    counters = record.get("counters") or {}
+    section, waves, words = counters.get("section") or {}, counters.get("waves"), []
+    if section.get("is_cap"):
+        words.append("circular caps")
+    if section.get("thicker", 0.0) > 0:
+        words.append(f"{100 * section['thicker']:.2g} % thicker at their ends")
+    if waves:
+        varies = f"{100 * waves['thickness']:.2g} % thicker and thinner and {1e6 * waves['aside_m']:.2g} um aside"
+        words.append(f"{varies} along their way (root mean squares)")
+    return "".join(f", {word}" for word in words)
+
+
 def care_lines(record: Mapping[str, Any]) -> list[str]:
     """How much less well a bench is taken as known than of a careful user; none where that is hardly so."""
     line = ((record.get("counters") or {}).get("uncertainty") or {}).get("care", {}).get("line")
@@ -242,7 +256,7 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     ]
     lines += found_bench_lines(result)
     if result.fibres_m is not None:
-        lines.append(f"lines      {len(result.fibres_m)} printed lines, in {FIBRE_FILES[0]}")
+        lines.append(f"lines      {len(result.fibres_m)} printed lines{made_words(record)}, in {FIBRE_FILES[0]}")
     errors = record["errors"]
     if errors:
         lines.append(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.results import rest_lines
+from cli.results import made_words, rest_lines
 
 CAMERA = {"shift_px": [[0.2, 0.0], [0.0, 0.0]], "blur_px": [0.0, 0.7]}
 
@@ -25,3 +25,20 @@ def test_what_is_in_the_model_of_the_camera_is_said(counters, line):
 def test_nothing_is_said_of_a_perfect_camera():
     assert rest_lines({"counters": {"camera": {"shift_px": [[0.0, 0.0]], "blur_px": [0.0]}}}) == []
     assert rest_lines({}) == []
+
+
+@pytest.mark.parametrize(
+    ("counters", "words"),
+    [
+        ({}, ""),
+        ({"section": {"exponent": 0.5, "thicker": 0.0, "is_cap": False}}, ""),
+        ({"section": {"thicker": 0.2989, "is_cap": True}}, ", circular caps, 30 % thicker at their ends"),
+        (
+            {"waves": {"thickness": 0.0197, "aside_m": 2.49e-5}},
+            ", 2 % thicker and thinner and 25 um aside along their way (root mean squares)",
+        ),
+    ],
+)
+def test_how_lines_are_made_is_told(counters, words):
+    assert made_words({"counters": counters}) == words
+    assert made_words({}) == ""
