@@ -79,8 +79,7 @@ def wavy_point(
         falls = -2.0 * swollen * way * length / section.end
         if nearest[2] > 0.5:
             falls = -falls
-    # What is thinner than any line is the way of a descent, not where it ends.
-    wave = wp.max(1.0 + knots[k, found.knot, 0] + found.part * more, 0.05)
+    wave = 1.0 + knots[k, found.knot, 0] + found.part * more
     found.slope = found.end * more * pieces + falls * wave
     found.sideways = farther * pieces
     aside = (knots[k, found.knot, 1] + found.part * farther) / length
@@ -164,8 +163,9 @@ def wavy_heights_adjoint(
         for sub in range(supersampling * supersampling):
             offset = cell_point(i, j, sub, supersampling, cell, samples) - start
             at = wavy_point(lines, knots, counts, k, offset, along, length, section, side)
-            if at.told[0] > 0.0:
-                wave = wp.max(1.0 + (1.0 - at.part) * knots[k, at.knot, 0] + at.part * knots[k, at.knot + 1, 0], 0.05)
+            # Sections that are steep at their edge have a slope a little beyond it.
+            if at.told[0] > 0.0 or at.told[1] != 0.0:
+                wave = 1.0 + (1.0 - at.part) * knots[k, at.knot, 0] + at.part * knots[k, at.knot + 1, 0]
                 thickness = at.end * wave
                 outward = grad * at.told[1] / wp.max(wp.length(at.gap), 1.0e-15) * at.gap
                 by_thickness = grad * (lines[k, 4] * at.told[2] + lines[k, 5] * at.told[3])

@@ -1,6 +1,5 @@
 """Reliefs of lines that vary along their way, and the gradient of what is asked of a relief by all their numbers."""
 
-import math
 from typing import Any
 
 import torch
@@ -48,7 +47,8 @@ class WavyModel:
 
         Args:
             lines: shape [L, 6] [m].
-            knots: more thickness [1], and the way aside of the straight line, to the left [m], shape [L, K, 2].
+            knots: more thickness [1], above -1, and the way aside of the straight line, to the left [m], shape
+                [L, K, 2].
         """
         n = self.model.n
         heights = torch.empty(len(lines), n, n, device=self._device)
@@ -92,8 +92,6 @@ class WavyModel:
         section.is_cap, section.thicker, section.end = shape.is_cap, shape.thicker, shape.end_m
         room = [max(MARGIN * float(knots[..., k].abs().max()), LEAST_ROOM[k]) for k in (0, 1)]
         section.thickest, section.aside = (1 + shape.thicker) * (1 + room[0]), room[1]
-        if not math.isfinite(section.thickest + section.aside):
-            raise FloatingPointError("waves along lines are not finite; a descent went astray")
         kept = [values.to(self._device, torch.float32).contiguous() for values in (lines, knots)]
         told = [*map(warp_array, kept), warp_array(self._counts), section, wp.vec2(*model.scene.sample_pitch_m)]
         return [*told, model.n, model.supersampling], kept

@@ -72,7 +72,8 @@ def is_in_vain(shape: Shape, left: Mapping[Shape, float], before: float) -> bool
         left: what those left that were.
         before: what the lines' own does.
     """
-    return left.get(ON_THE_WAY.get(shape, shape), 0.0) > before
+    way = ON_THE_WAY.get(shape)
+    return way is not None and left.get(way, 0.0) > before
 
 
 def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = False) -> tuple[torch.Tensor, bool]:

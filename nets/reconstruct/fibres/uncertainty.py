@@ -52,7 +52,7 @@ SHAPED_LINES = DesignCalibration(scale_m=0.7e-6, power=0.5, floor_m=0.1e-6)
 """The same of lines with thicker ends, or with tails: on eight own plates 41 to 82 % of the points with relief lie
 within one sigma of the scale above, and 66 to 96 % within two."""
 WAVY_LINES = DesignCalibration(scale_m=1.4e-6, power=0.5, floor_m=0.1e-6)
-"""And with waves along them: on four own plates 70 to 84 % of the points with relief lie within one, 89 to 98 % within
+"""And with waves along them: on four own plates 68 to 84 % of the points with relief lie within one, 89 to 98 % within
 two."""
 TAILS = 4.0
 """Power of a section from which on it is mostly tail."""

@@ -26,6 +26,8 @@ THICKNESS, ASIDE_M = 0.03, 4e-5
 than two of these."""
 LINE_SCALES_M = (3e-5, 3e-5, 3e-5, 3e-5, 3e-5, 1e-5)
 """Changes of a line's numbers (LINE_COLUMNS) that change an image about as much as one deviation of a wave."""
+FARTHEST = 8.0
+"""Deviations that a wave may be, at most: a line keeps three quarters of its width."""
 TOGETHER_PX = 5.0
 """Pixels that err together: so many times less do they tell than if they were independent. With a hundred an own plate
 of seven lines, 6 % of noise, ended 3.0 um off, with five 1.3; straight ones 10.3."""
@@ -167,6 +169,7 @@ def with_waves(fit: ImageFit, start: WavyLines, iterations: int, noise: float) -
 
     begun = np.concatenate([np.zeros(of_lines), (start.knots / widths).numpy().ravel()])
     settings = {"maxiter": iterations, "maxfun": int(1.3 * iterations) + 2, "maxcor": 30, "ftol": CONVERGED}
-    found = scipy.optimize.minimize(objective, begun, jac=True, method="L-BFGS-B", options=settings)
+    bounds = [(None, None)] * of_lines + [(-FARTHEST, FARTHEST)] * (len(begun) - of_lines)
+    found = scipy.optimize.minimize(objective, begun, jac=True, method="L-BFGS-B", bounds=bounds, options=settings)
     lines, knots = numbers(found.x)
     return WavyLines(lines, knots, start.counts, wavy.heights(lines, knots))

@@ -15,7 +15,7 @@ from nets.reconstruct.fibres.descent_numbers import (
 )
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
-from nets.reconstruct.fibres.section import with_caps
+from nets.reconstruct.fibres.section import is_in_vain, with_caps
 from warp_caustics.prints.line import section_height
 from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
 from warp_caustics.reconstruct.base import CausticImage
@@ -354,3 +354,10 @@ def test_a_told_section_stays():
     better = fit.descend(LINES + OFF, 30, with_section=True)
     assert model.shape.exponent < 0.9
     assert fit.loss(model.heights(better.lines)) == pytest.approx(better.loss, rel=1e-6), "left at its best"
+
+
+def test_what_is_far_is_not_tried_where_the_way_to_it_is_worse():
+    tried = {Shape(1.6): 0.3, Shape(1.0, 1.0): 0.1}
+    assert is_in_vain(Shape(8.0), tried, before=0.2) and not is_in_vain(Shape(0.5, 1.0), tried, before=0.2)
+    assert not is_in_vain(Shape(1.6), tried, before=0.2), "it is on no other's far side"
+    assert not is_in_vain(Shape(8.0), {}, before=0.2), "nothing was tried on the way"

@@ -9,9 +9,10 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.waves import straight, waves_of, with_waves
+from nets.reconstruct.fibres.uncertainty import FOUND_LINES, calibration_of, of_lines
+from nets.reconstruct.fibres.waves import FARTHEST, THICKNESS, straight, waves_of, with_waves
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
@@ -107,3 +108,23 @@ def test_what_varies_is_told_of_the_knots_that_there_are(model):
     knots = torch.full_like(start.knots, 0.02)
     knots[1, int(start.counts[1]) :] = 7.0
     assert dataclasses.replace(start, knots=knots).thickness == pytest.approx(0.02)
+
+
+def test_lines_state_by_how_they_are_made_what_they_are_off_by():
+    """The more numbers a section has, the less is known: waves most of all."""
+    plain = calibration_of(Shape(), has_waves=False)
+    assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == FOUND_LINES
+    thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0)))
+    wavy = calibration_of(Shape(thicker=0.2), has_waves=True)
+    assert plain.scale_m < thick.scale_m == bell.scale_m < wavy.scale_m
+    spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
+    stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, thick, wavy)]
+    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 1.75, 3.5])
+
+
+def test_waves_stay_within_what_machines_do(model):
+    """However far a descent would go: of an image that no line explains."""
+    image = CausticImage(np.full((3, SCENE.image_pixels, SCENE.image_pixels), 4.0, np.float32), np.full(3, NOISE))
+    found = with_waves(ImageFit(SCENE, image, model, 2 * N), straight(model, LINES), 30, 1e-6)
+    assert float(found.knots[..., 0].abs().max()) <= FARTHEST * THICKNESS + 1e-12
+    assert torch.isfinite(found.heights).all()

@@ -1,5 +1,7 @@
 """Single lines fitted to a relief in one batch, against one fit after the other."""
 
+import math
+
 import numpy as np
 import torch
 
@@ -38,3 +40,19 @@ def test_as_one_after_the_other():
 def test_no_lines_need_no_fit():
     found, losses = fit_each(MODEL, TRUE[:0], SIGMA, SIGMA, iterations=5)
     assert found.shape == (0, 6) and losses.shape == (0,)
+
+
+def test_what_is_out_of_reach_is_given_up(monkeypatch):
+    """Sooner than it would end, by both; what can be reached is not."""
+    relief, evaluations = MODEL.heights(torch.cat([TRUE, FAR])), []
+    parts = MODEL.parts
+    monkeypatch.setattr(MODEL, "parts", lambda lines: evaluations.append(len(lines)) or parts(lines))
+    start = TRUE + NEAR[:1]
+    for fit in (fit_each, fit_lines):
+        spent = []
+        for below in (math.inf, 1e3, 1e-3):
+            evaluations.clear()
+            found = fit(MODEL, start, relief, SIGMA, iterations=20, below=below)
+            spent.append((len(evaluations), float(found[1])))
+        free, easy, hopeless = spent
+        assert easy == free and hopeless[0] < free[0] and hopeless[1] >= free[1]

@@ -103,6 +103,17 @@ def test_gradient_by_lines_and_knots(shape):
     assert not by_knot[1, int(COUNTS[1]) :].any(), "a shorter line has fewer"
 
 
+def test_gradient_of_steep_edges():
+    """Of half ellipses single points at the edge jump, and not all of them together: all knots move alike."""
+    wavy_model, knots = WavyModel(model_of(Shape(0.5, 1.0)), COUNTS), waves()
+    weight = torch.ones(64, 64)
+    _, by_knot = wavy_model.gradient(LINES, knots, wavy_model.parts(LINES, knots), weight)
+    step = torch.zeros_like(knots)
+    step[..., 0] = 0.01
+    ahead, behind = (float(wavy_model.heights(LINES, knots + sign * step).double().sum()) for sign in (1, -1))
+    assert float((by_knot * step).sum()) == pytest.approx((ahead - behind) / 2, rel=0.02)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("is_deterministic", [False, True])
 def test_a_gpu_agrees(monkeypatch, is_deterministic):
