@@ -28,10 +28,6 @@ def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
     return graph, output
 
 
-Beside = tuple[Callable[[], None], Callable[..., None]]
-"""What is asked of the inputs besides: what the host does before each replay, and launches to record."""
-
-
 class CudaGraph:
     """A function of tensors, recorded once and replayed on copies of its inputs.
 
@@ -39,38 +35,17 @@ class CudaGraph:
         call: only launches GPU work, the same for inputs of the same shape; it has run before, so that
             its kernels are loaded.
         inputs: examples of its arguments.
-        beside: a branch of the graph, so that the host can learn what it finds before the call is done.
     """
 
-    def __init__(
-        self,
-        call: Callable[..., torch.Tensor],
-        inputs: tuple[torch.Tensor, ...],
-        beside: Beside | None = None,
-    ):
+    def __init__(self, call: Callable[..., torch.Tensor], inputs: tuple[torch.Tensor, ...]):
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
-        self._first = None if beside is None else beside[0]
-
-        def both() -> torch.Tensor:
-            if beside is None:
-                return call(*self.inputs)
-            here, aside = torch.cuda.current_stream(), torch.cuda.Stream(self.inputs[0].device)
-            aside.wait_stream(here)
-            with torch.cuda.stream(aside):
-                beside[1](*self.inputs)
-            found = call(*self.inputs)
-            here.wait_stream(aside)
-            return found
-
         with torch.no_grad():
-            self.graph, self.output = recorded(both)
+            self.graph, self.output = recorded(lambda: call(*self.inputs))
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""
         for kept, given in zip(self.inputs, inputs, strict=True):
             kept.copy_(given)
-        if self._first is not None:
-            self._first()
         self.graph.replay()
         output: torch.Tensor = self.output
         return output.clone()
@@ -87,21 +62,17 @@ class Replays:
         self._calls: dict[tuple[str, int], int] = {}
         self._graphs: dict[tuple[str, int], CudaGraph] = {}
 
-    def __call__(
-        self,
-        name: str,
-        call: Callable[..., torch.Tensor],
-        *inputs: torch.Tensor,
-        beside: Beside | None = None,
-    ) -> torch.Tensor:
-        """Result of a call, through its graph where there is one; ``beside`` as of :class:`CudaGraph`."""
-        key = name, inputs[0].shape[0]
+    def __call__(self, key: tuple[str, int], call: Callable[..., torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
+        """Result of a call, through its graph where there is one.
+
+        Args:
+            key: name of the call, and batch size.
+            call: as of :class:`CudaGraph`.
+            inputs: its arguments.
+        """
         self._calls[key] = self._calls.get(key, 0) + 1
         if self._calls[key] < 2 or torch.cuda.is_current_stream_capturing():
-            if beside is not None:
-                beside[0]()
-                beside[1](*inputs)
             return call(*inputs)
         if key not in self._graphs:
-            self._graphs[key] = CudaGraph(call, inputs, beside)
+            self._graphs[key] = CudaGraph(call, inputs)
         return self._graphs[key](*inputs)

@@ -126,11 +126,9 @@ class Engine:
         """From height samples to spline coefficients along one axis, shape [n + 4, n]."""
         return self.spline.prefilter
 
-    def coefficients(self, heights: torch.Tensor, *, is_guarded: bool = False) -> torch.Tensor:
-        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]; of possible ones if guarded."""
+    def coefficients(self, heights: torch.Tensor) -> torch.Tensor:
+        """Spline coefficients [B, n + 4, n + 4] [m] of heights [B, n, n] [m]."""
         spline = self.spline
-        if is_guarded:
-            return spline.coefficients(heights, self._ends)
         if self.rows is not None and not spline.by_blocks:
             return self.rows.filtered(heights, spline.prefilter, spline.prefilter_transposed, self.optics)
         return spline.coefficients(heights)
@@ -318,20 +316,23 @@ class Engine:
         Args:
             heights: possible ones. Where extremes tell, they may be no numbers, or lower than the plate is thick; of
                 such comes an image that means nothing.
-            extremes: on a GPU, asked for the heights' before the simulation begins; always the same ones.
+            extremes: on a GPU, asked for the heights', which are to be read next; always the same ones.
         """
-        image = self._image if extremes is None else self._guarded_image
-        if not self._is_small(heights):
-            if extremes is not None:
-                extremes.find(heights)
-            return image(heights)
-        beside = None if extremes is None else (extremes.forget, extremes.begin)
-        return self._replays(image.__name__, image, heights, beside=beside)
+        name, batch = "image", len(heights)
+        inputs: tuple[torch.Tensor, ...] = (heights,)
+        call: Callable[..., torch.Tensor] = self._image
+        if extremes is not None and self.spline.by_blocks:
+            extremes.find(heights)
+            name, call = "guarded image", self._guarded_image
+        elif extremes is not None:
+            extremes.ask(heights)
+            name, call, inputs = "asked image", lambda: self._asked_image(batch, extremes), ()
+        return self._replays((name, batch), call, *inputs) if self._is_small(heights) else call(*inputs)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""
         if self._is_small(heights):
-            return self._replays("_image_adjoint", self._image_adjoint, heights, grad_image)
+            return self._replays(("adjoint", len(heights)), self._image_adjoint, heights, grad_image)
         return self._image_adjoint(heights, grad_image)
 
     def _is_small(self, heights: torch.Tensor) -> bool:
@@ -343,7 +344,11 @@ class Engine:
 
     def _guarded_image(self, heights: torch.Tensor) -> torch.Tensor:
         """The same of heights that may be anything: kernels are not told what is no number."""
-        return self.image_of(self.coefficients(heights, is_guarded=True))
+        return self.image_of(self.spline.coefficients(heights, self._ends))
+
+    def _asked_image(self, batch: int, extremes: Extremes) -> torch.Tensor:
+        """The same of those that extremes are asked of, and tells these."""
+        return self.image_of(self.spline.asked_coefficients(batch, extremes, self._ends))
 
     def _image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         return self.adjoint_of(self.coefficients(heights), grad_image)

@@ -126,7 +126,8 @@ class CausticSimulator:
             if torch.is_grad_enabled() and batch.requires_grad:
                 image: torch.Tensor = _Simulate.apply(batch, self.engine, extremes)  # type: ignore[no-untyped-call]
             else:
-                image = self.engine.image(batch.detach().contiguous(), extremes)
+                given = batch.detach() if batch.requires_grad else batch
+                image = self.engine.image(given.contiguous(), extremes)
         except torch.OutOfMemoryError as error:
             raise ResourceError(self._memory_advice(len(batch))) from error
         if extremes is not None:
@@ -171,8 +172,10 @@ class CausticSimulator:
         }
 
     def _shaped(self, heights: torch.Tensor) -> torch.Tensor:
-        n = self.scene.height_samples
-        if not isinstance(heights, torch.Tensor):
+        n, is_tensor = self.scene.height_samples, isinstance(heights, torch.Tensor)
+        if is_tensor and heights.shape == (n, n) and heights.dtype == self.dtype and heights.device == self.device:
+            return heights[None]  # as a rule, and a GPU waits for what is asked before it begins
+        if not is_tensor:
             raise InputError(f"heights are a {type(heights).__name__}; give a torch tensor (torch.from_numpy)")
         if heights.ndim not in (2, 3) or tuple(heights.shape[-2:]) != (n, n) or 0 in heights.shape:
             raise InputError(

@@ -7,6 +7,7 @@ larger ones go by blocks (``banded.py``).
 import math
 from collections.abc import Callable
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ import warp as wp
 
 from warp_caustics.banded import Banded, banded
 from warp_caustics.chunked import warp_array, warp_stream
+from warp_caustics.extremes import Extremes
 from warp_caustics.height_field import MARGIN, PREFILTER_REACH, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, dtype_of
 from warp_caustics.kernels.prefilter import prefilter_kernels
@@ -103,25 +105,35 @@ class SplineStage:
             transposed: its transpose, contiguous.
             ends: least and most.
         """
-        kernels, device = prefilter_kernels(dtype_of(torch.finfo(planes.dtype).bits)), str(planes.device)
-        batch, (rows, inner), reach = len(planes), matrix.shape, GPU_REACH[planes.dtype]
+        batch, (rows, inner) = len(planes), matrix.shape
         half_way, found = planes.new_empty(batch, rows, inner), planes.new_empty(batch, rows, rows)
+        kernels, reach = self._kernels(planes.dtype)
+        first = [warp_array(matrix), warp_array(planes.contiguous()), reach, *ends], [warp_array(half_way)]
+        then = [warp_array(half_way), warp_array(transposed), reach], [warp_array(found)]
         with warp_stream(planes.device):
-            wp.launch(
-                kernels.filter_columns,
-                dim=half_way.shape,
-                inputs=[warp_array(matrix), warp_array(planes.contiguous()), reach, *ends],
-                outputs=[warp_array(half_way)],
-                device=device,
-            )
-            wp.launch(
-                kernels.filter_rows,
-                dim=found.shape,
-                inputs=[warp_array(half_way), warp_array(transposed), reach],
-                outputs=[warp_array(found)],
-                device=device,
-            )
+            device = wp.device_from_torch(planes.device)
+            wp.launch(kernels.filter_columns, half_way.shape, *first, device=device)
+            wp.launch(kernels.filter_rows, found.shape, *then, device=device)
         return found
+
+    def asked_coefficients(self, batch: int, extremes: Extremes, ends: tuple[float, float]) -> torch.Tensor:
+        """:meth:`coefficients` of the heights that extremes are asked of, shape [B, n, n]; and tells these."""
+        matrix, transposed = self.prefilter, self.prefilter_transposed
+        rows, inner = matrix.shape
+        half_way, found = matrix.new_empty(batch, rows, inner), matrix.new_empty(batch, rows, rows)
+        kernels, reach = self._kernels(matrix.dtype)
+        first = [warp_array(matrix), extremes.where, reach, *ends], [warp_array(half_way), extremes.here]
+        then = [warp_array(half_way), warp_array(transposed), reach]
+        with warp_stream(matrix.device):
+            device = wp.device_from_torch(matrix.device)
+            wp.launch(kernels.filter_columns_there, half_way.shape, *first, device=device)
+            told = [warp_array(found), extremes.here, extremes.told]
+            wp.launch(kernels.filter_rows_and_tell, found.shape, then, told, device=device)
+        return found
+
+    def _kernels(self, dtype: torch.dtype) -> tuple[SimpleNamespace, int]:
+        """That filter, and how far they reach."""
+        return prefilter_kernels(dtype_of(torch.finfo(dtype).bits)), GPU_REACH[dtype]
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk) -> torch.Tensor:
         """Surface maps [B, 6, rows, columns] (MAP_NAMES) of a chunk of the lattice."""

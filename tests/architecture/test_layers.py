@@ -19,11 +19,11 @@ FILES = graph.modules(*graph.PACKAGES, "benchmarks")
 
 LAYERS = {
     "warp_caustics": (
-        "front_door types units strict errors signals child_process landings native_words one_thread determinism extremes",
+        "front_door types units strict errors signals child_process landings native_words one_thread determinism",
         "materials height_field metrics pixel_spline resampling cuda_graph banded relief_bounds",
         "scene",
         "io kernels presets",
-        "photons chunked camera",
+        "photons chunked camera extremes",
         "optics prints",
         "fused gathered_adjoint lattice_adjoint lattice_rows",
         "spline_stage",

@@ -26,6 +26,7 @@ KERNELS = {
     "scattered photons": lambda: surface_adjoint_kernel(wp.float32, False),
     "lattice": lambda: lattice_adjoint_kernels(wp.float32).gather_along_y,
     "prefilter": lambda: prefilter_kernels(wp.float32).filter_columns,
+    "prefilter that tells": lambda: prefilter_kernels(wp.float32).filter_columns_there,
 }
 
 

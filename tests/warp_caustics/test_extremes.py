@@ -32,7 +32,7 @@ def test_the_host_waits_for_both():
     extremes = Extremes(CPU, torch.float32)
     extremes.find(torch.tensor([-1.0, 1.0]))
     assert extremes.read() == (-1.0, 1.0)
-    extremes.forget()
+    extremes.ask(torch.zeros(1))
     found = []
     reader = threading.Thread(target=lambda: found.append(extremes.read()))
     reader.start()
@@ -53,6 +53,6 @@ def test_a_gpu_that_never_answers_is_asked(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE_S", 0.01)
     monkeypatch.setattr(torch.cuda, "synchronize", failed)
     extremes = Extremes(CPU, torch.float32)
-    extremes.forget()
+    extremes.ask(torch.zeros(1))
     with pytest.raises(RuntimeError, match="illegal memory access"):
         extremes.read()

@@ -1,12 +1,16 @@
 """Large reliefs go through the linear stage by blocks: the same numbers as by whole matrices."""
 
+import math
+
 import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene, spline_stage
 from warp_caustics.banded import BLOCK_ROWS
+from warp_caustics.extremes import Extremes
 from warp_caustics.height_field import PREFILTER_REACH
 from warp_caustics.lattice_adjoint import LatticeAdjoint
+from warp_caustics.spline_stage import SplineStage
 
 N = 2 * BLOCK_ROWS + 90
 """Samples: three blocks, the last one a rest."""
@@ -61,6 +65,28 @@ def test_kernels_of_a_gpu_bring_heights_within_their_ends(monkeypatch):
     found = spline.filtered(heights, spline.prefilter, spline.prefilter_transposed, (-0.5, 1.0))
     assert_close(found, spline.coefficients(heights.nan_to_num(nan=-0.5).clamp(-0.5, 1.0)))
     assert_close(found, spline.coefficients(heights, (-0.5, 1.0)))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_kernels_of_a_gpu_tell_what_the_heights_are(monkeypatch, dtype):
+    """Of one set after the other, whichever row and column holds the lowest and highest, and of what is no number."""
+    spline = engine(monkeypatch, False).spline
+    stage = SplineStage(spline._plan, lambda values: torch.as_tensor(values, dtype=dtype))
+    extremes = Extremes(torch.device("cpu"), dtype)
+    ends = (-0.5, 1.0)
+    for place in ((0, 0), (0, N - 1), (N - 1, 3), (N // 2, 7), (40, N - 2), (N - 2, N - 2)):
+        heights = 0.1 * noise(2, N, N).to(dtype)
+        heights[(0, *place)], heights[(1, *place[::-1])] = -3.0, 4.0
+        extremes.ask(heights)
+        found = stage.asked_coefficients(2, extremes, ends)
+        assert extremes.read() == (-3.0, 4.0)
+        torch.testing.assert_close(found, stage.filtered(heights, stage.prefilter, stage.prefilter_transposed, ends))
+        for wrong in (float("nan"), float("inf"), -float("inf")):
+            heights[(1, *place)] = wrong
+            extremes.ask(heights)
+            found = stage.asked_coefficients(2, extremes, ends)
+            assert not all(map(math.isfinite, extremes.read()))
+            assert torch.isfinite(found).all()
 
 
 def test_maps_of_a_lattice_and_their_adjoint(monkeypatch):

@@ -9,10 +9,12 @@ cross; the Geman-McClure loss z^2 / (1 + z^2) gives such places up, one unit eac
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 
 from warp_caustics.one_thread import one_thread
+from warp_caustics.prints.fit_system import fit_system
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import share
 
@@ -40,43 +42,30 @@ GEMAN_MCCLURE = RobustLoss(lambda squared: squared / (1 + squared), lambda squar
 CHARBONNIER = RobustLoss(lambda squared: (1 + squared).sqrt() - 1, lambda squared: (1 + squared).rsqrt())
 
 
-def minimised(
+System = Callable[[torch.Tensor], tuple[float | torch.Tensor, torch.Tensor, torch.Tensor]]
+"""Of parameters, of any shape with P numbers: loss, normal matrix J W J^T [P, P] and right side J W residual [P], on
+the CPU in float64; W = rho'(z) / (z sigma^2)."""
+
+
+def normal_equations(
     with_jacobian: Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]],
-    moved: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
-    start: torch.Tensor,
     relief_m: torch.Tensor,
     sigma_m: torch.Tensor,
     loss: RobustLoss,
-    *,
-    iterations: int,
-    held: torch.Tensor | None = None,
-    below: float = math.inf,
-) -> tuple[torch.Tensor, float]:
-    """Parameters x that minimise sum rho((relief - h(x)) / sigma) + sum held (x - start)^2 / 2, from a start.
-
-    Levenberg-Marquardt with iteratively re-weighted least squares: (J W J^T + damping diag) step = J W residual,
-    W = rho'(z) / (z sigma^2). See Nocedal & Wright, Numerical Optimization, section 10.3.
+) -> System:
+    """Those of sum rho((relief - h(x)) / sigma) by iteratively re-weighted least squares.
 
     Args:
         with_jacobian: of parameters: h [m], shape [n, n], and J = dh/dx, shape [P, n, n].
-        moved: of parameters and a step, shape [P]: parameters within their limits.
-        start: parameters, of any shape with P numbers, float64, on the CPU.
         relief_m: to be explained, shape [n, n].
         sigma_m: expected size of what is not explained, shape [n, n].
         loss: rho.
-        iterations: at most.
-        held: one over the squared distance that each parameter may go from its start, shape [P]; free if None.
-        below: loss that is asked for; given up where what is left of the iterations will not come so far.
-
-    Returns:
-        Parameters and their loss.
     """
-    pull = torch.zeros(start.numel(), dtype=torch.float64) if held is None else held
     inverse_variance = sigma_m.square().reciprocal()
-    count = start.numel()
 
-    def system(parameters: torch.Tensor) -> tuple[float, torch.Tensor, torch.Tensor]:
-        """Loss, normal matrix and right side; a GPU is waited for once."""
+    def system(parameters: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """A GPU is waited for once."""
+        count = parameters.numel()
         relief, derivatives = with_jacobian(parameters)
         residual = relief_m - relief
         squared = residual.square() * inverse_variance
@@ -88,12 +77,47 @@ def minimised(
             loss.value(squared).sum(dtype=torch.float64)[None],
         )
         normal, right, value = torch.cat(told).cpu().split((count * count, count, 1))
+        return value, normal.reshape(count, count), right
+
+    return system
+
+
+def minimised(
+    system: System,
+    moved: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+    start: torch.Tensor,
+    *,
+    iterations: int,
+    held: torch.Tensor | None = None,
+    below: float = math.inf,
+) -> tuple[torch.Tensor, float]:
+    """Parameters x that minimise a robust loss + sum held (x - start)^2 / 2, from a start.
+
+    Levenberg-Marquardt: (J W J^T + damping diag) step = J W residual. See Nocedal & Wright, Numerical Optimization,
+    section 10.3.
+
+    Args:
+        system: normal equations of the loss.
+        moved: of parameters and a step, shape [P]: parameters within their limits.
+        start: parameters, of any shape with P numbers, float64, on the CPU.
+        iterations: at most.
+        held: one over the squared distance that each parameter may go from its start, shape [P]; free if None.
+        below: loss that is asked for; given up where what is left of the iterations will not come so far.
+
+    Returns:
+        Parameters and their loss.
+    """
+
+    def told(parameters: torch.Tensor) -> tuple[float, torch.Tensor, torch.Tensor]:
+        value, normal, right = system(parameters)
+        if held is None:
+            return float(value), normal, right
         apart = (parameters - start).reshape(-1)
-        strain = float((pull * apart.square()).sum()) / 2
-        return float(value) + strain, normal.reshape(count, count) + torch.diag(pull), right - pull * apart
+        strain = float((held * apart.square()).sum()) / 2
+        return float(value) + strain, normal + torch.diag(held), right - held * apart
 
     found, damping = start, 1e-2
-    least, normal, right = system(found)
+    least, normal, right = told(found)
     for left in reversed(range(iterations)):
         scale = normal.diagonal() + 1e-9 * normal.diagonal().max() + 1e-12
         before = least
@@ -101,7 +125,7 @@ def minimised(
             with one_thread():
                 step = torch.linalg.solve(normal + damping * torch.diag(scale), right)
             tried = moved(found, step)
-            new, normal_there, right_there = system(tried)
+            new, normal_there, right_there = told(tried)
             if new < least:
                 found, least, normal, right = tried, new, normal_there, right_there
                 damping = max(damping / 5, 1e-6)
@@ -136,6 +160,7 @@ def fit_lines(
     iterations: int = 20,
     only: list[int] | None = None,
     below: float = math.inf,
+    others_m: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, float]:
     """Lines moved so that they explain a relief but for a few wrong places.
 
@@ -147,22 +172,30 @@ def fit_lines(
         iterations: at most.
         only: indices of the lines to move; all if None.
         below: loss that is asked for, see :func:`minimised`.
+        others_m: relief of the lines that do not move, shape [n, n] [m], where it is known.
 
     Returns:
         The lines and their loss, see :func:`loss_of`.
     """
     lines = lines.clone()
     chosen = list(range(len(lines))) if only is None else only
-    others = [k for k in range(len(lines)) if k not in set(chosen)]
-    printed = model.heights(lines[others])
+    if others_m is None:
+        others = sorted(set(range(len(lines))).difference(chosen))
+        others_m = model.heights(lines[others]) if others else torch.zeros_like(relief_m)
     if not chosen:
-        return lines, loss_of(relief_m - printed, sigma_m)
+        return lines, loss_of(relief_m - others_m, sigma_m)
+    printed = others_m
 
     def over_others(rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         relief, derivatives = model.with_jacobian(rows)
         together, q = model.over(printed, relief), model.shape.overlap
         return together, derivatives if q == 1 else derivatives * share(relief, together, q)
 
-    about = lines[chosen], relief_m, sigma_m, GEMAN_MCCLURE
-    lines[chosen], loss = minimised(over_others, model.moved, *about, iterations=iterations, below=below)
+    with fit_system(model, len(chosen), is_each=False) as kept:
+        if kept is None:
+            system = normal_equations(over_others, relief_m, sigma_m, GEMAN_MCCLURE)
+        else:
+            kept.about(relief_m, sigma_m, printed)
+            system = partial(kept, model)
+        lines[chosen], loss = minimised(system, model.moved, lines[chosen], iterations=iterations, below=below)
     return lines, loss

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from warp_caustics.prints.fit import CHARBONNIER, minimised
+from warp_caustics.prints.fit import CHARBONNIER, minimised, normal_equations
 from warp_caustics.prints.line import Line, direction, moved_across
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel, rows_of
 from warp_caustics.types import FloatArray
@@ -209,10 +209,9 @@ class _DesignFit:
 
     def descended(self, found: torch.Tensor) -> torch.Tensor:
         """All lines together."""
-        return minimised(
-            self.with_jacobian, self.moved, found, self.relief, self.sigma, CHARBONNIER,
-            iterations=DESIGN_ITERATIONS, held=self.held[:, : found.shape[1]].reshape(-1),
-        )[0]  # fmt: skip
+        held = self.held[:, : found.shape[1]].reshape(-1)
+        system = normal_equations(self.with_jacobian, self.relief, self.sigma, CHARBONNIER)
+        return minimised(system, self.moved, found, iterations=DESIGN_ITERATIONS, held=held)[0]
 
     def searched(self, found: torch.Tensor) -> torch.Tensor:
         """With each line that does not fit moved to the parallel offset that explains best what the others leave."""

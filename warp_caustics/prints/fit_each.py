@@ -4,16 +4,25 @@ The same descent as :func:`warp_caustics.prints.fit.fit_lines` of single lines; 
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import torch
 
 from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE, LARGER_GAINS
+from warp_caustics.prints.fit_system import FitSystem, fit_system
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import share
 
 DAMPING_START, DAMPING_UP, DAMPING_DOWN, DAMPING_LEAST = 1e-2, 6.0, 5.0, 1e-6
 TRIALS_PER_ITERATION = 1.5
 """Steps tried, over the iterations asked for: some are refused."""
+
+
+_Told = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+System = Callable[[torch.Tensor, torch.Tensor], _Told]
+"""Of all lines [L, 6], and which of them are asked for [K]: their losses [K], normal matrices [K, 6, 6] and right sides
+[K, 6], on the CPU."""
 
 
 def fit_each(
@@ -42,14 +51,30 @@ def fit_each(
     Returns:
         The lines, shape [L, 6] [m], and their Geman-McClure losses, shape [L], on the CPU.
     """
-    found, damping = lines.clone(), torch.full((len(lines), 1), DAMPING_START, dtype=torch.float64)
     if not len(lines):
-        return found, torch.zeros(0, dtype=torch.float64)
+        return lines.clone(), torch.zeros(0, dtype=torch.float64)
+    with fit_system(model, len(lines), is_each=True) as kept:
+        if kept is None:
+            system = _each_alone(model, relief_m, sigma_m, printed_m)
+        else:
+            kept.about(relief_m, sigma_m, printed_m)
+            system = partial(_some_of, kept, model)
+        return _minimised(system, model, lines, iterations, below)
+
+
+def _some_of(kept: FitSystem, model: LineModel, lines: torch.Tensor, of: torch.Tensor) -> _Told:
+    loss, normal, right = kept(model, lines)
+    return loss[of], normal[of], right[of]
+
+
+def _each_alone(
+    model: LineModel, relief_m: torch.Tensor, sigma_m: torch.Tensor, printed_m: torch.Tensor | None
+) -> System:
+    """The normal equations of each line for itself, a launch after the other."""
     inverse_variance = sigma_m.square().reciprocal()
 
-    def system(rows: torch.Tensor, of: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Losses [L], normal matrices [L, 6, 6] and right sides [L, 6] of some of the lines, moved to these rows."""
-        parts, derivatives = model.parts(rows)
+    def system(lines: torch.Tensor, of: torch.Tensor) -> _Told:
+        parts, derivatives = model.parts(lines[of])
         if printed_m is not None:
             beside = printed_m[of.to(printed_m.device)]
             together = model.over(beside, parts)
@@ -67,7 +92,14 @@ def fit_each(
         together = torch.cat([loss[:, None], normal.flatten(1).double(), right.double()], dim=1).cpu()
         return together[:, 0], together[:, 1:37].reshape(-1, 6, 6), together[:, 37:]
 
-    least, normal, right = system(found, torch.arange(len(found)))
+    return system
+
+
+def _minimised(
+    system: System, model: LineModel, lines: torch.Tensor, iterations: int, below: float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    found, damping = lines.clone(), torch.full((len(lines), 1), DAMPING_START, dtype=torch.float64)
+    least, normal, right = (each.clone() for each in system(found, torch.arange(len(found))))
     active = torch.ones(len(found), dtype=torch.bool)
     for left in reversed(range(round(TRIALS_PER_ITERATION * iterations))):
         chosen = active.nonzero()[:, 0]
@@ -77,7 +109,7 @@ def fit_each(
         scale = diagonal + 1e-9 * diagonal.amax(dim=1, keepdim=True) + 1e-12
         step = torch.linalg.solve(normal[chosen] + torch.diag_embed(damping[chosen] * scale), right[chosen])
         tried = model.moved(found[chosen], step.flatten())
-        loss, normal_there, right_there = system(tried, chosen)
+        loss, normal_there, right_there = system(found.index_copy(0, chosen, tried), chosen)
         is_better, gain = loss < least[chosen], least[chosen] - loss
         is_last = is_better & ((gain <= CONVERGED * least[chosen]) | (loss - LARGER_GAINS * gain * left > below))
         better = chosen[is_better]

@@ -160,7 +160,7 @@ class LineModel:
         limits: Limits | None = None,
         supersampling: int = 4,
     ):
-        self.scene, self.section, self.device = scene, section, torch.device(device)
+        self.scene, self.section, self.device = scene, section, torch.empty(0, device=device).device  # with its number
         self.limits, self.supersampling = limits or Limits(), supersampling
         self.shape = Shape(COSINE_EXPONENT[section])
         self.n = scene.height_samples
@@ -240,11 +240,16 @@ class LineModel:
 
     def without_each(self, parts: torch.Tensor) -> torch.Tensor:
         """Reliefs of all lines but one [m], shape [L, n, n], from each alone."""
+        return self.without(parts, [(k,) for k in range(len(parts))])
+
+    def without(self, parts: torch.Tensor, groups: Sequence[Sequence[int]]) -> torch.Tensor:
+        """Reliefs of all lines but those of a group [m], shape [groups, n, n], from each alone; groups are as large."""
         if self.shape.overlap == 1:
-            return parts.sum(dim=0) - parts
-        rest = torch.zeros_like(parts)
-        for k in range(len(parts)):
-            rest[k] = self.joined(torch.cat([parts[:k], parts[k + 1 :]]))
+            gone = torch.tensor(groups, device=parts.device).reshape(len(groups), -1)
+            return parts.sum(dim=0) - parts[gone].sum(dim=1)
+        rest = torch.zeros(len(groups), *parts.shape[1:], dtype=parts.dtype, device=parts.device)
+        for printed, group in zip(rest, groups, strict=True):
+            printed[...] = self.joined(parts[[k for k in range(len(parts)) if k not in group]])
         return rest
 
     def heights(self, lines: torch.Tensor) -> torch.Tensor:

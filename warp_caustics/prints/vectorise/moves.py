@@ -1,5 +1,7 @@
 """Changes of a set of lines that descent cannot make: one more, one less, two that are one."""
 
+from functools import cached_property
+
 import numpy as np
 import torch
 
@@ -50,6 +52,7 @@ class LineSet:
         self.sigma = spread_m
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.loss = np.inf
+        self._shown = _Shown(model, self.lines)
 
     def focus(self, floor_m: float) -> None:
         """Expect residuals of the spread and of ``floor_m``, and fit again."""
@@ -59,6 +62,13 @@ class LineSet:
     def refit(self, iterations: int) -> None:
         """Let all lines move."""
         self.lines, self.loss = fit_lines(self.model, self.lines, self.relief, self.sigma, iterations=iterations)
+
+    @property
+    def shown(self) -> "_Shown":
+        """The lines, each alone."""
+        if self._shown.lines is not self.lines:
+            self._shown = _Shown(self.model, self.lines)
+        return self._shown
 
     def grow(self, most: int) -> bool:
         """Add lines while each saves more than its penalty; True if any did."""
@@ -84,7 +94,7 @@ class LineSet:
 
         Of those that do not bring the loss down to ``enough`` none is a good one.
         """
-        rest = self.relief - self.model.heights(self.lines)
+        rest = self.relief - self.model.joined(self.shown.parts)
         # Large residuals, and residuals that are large for their place.
         shown = (rest / (1 + (self.spread / UNSURE_M).square()).sqrt(), rest / self.sigma)
         size = self.model.scene.plate_size_m
@@ -131,10 +141,8 @@ class LineSet:
                     tried.append(((i, j), row, key))
         if not tried:
             return False
-        parts = self.model.parts(self.lines)[0]
+        parts = self.shown.parts
         for some in (tried[first : first + MERGED_AT_ONCE] for first in range(0, len(tried), MERGED_AT_ONCE)):
-            kept = [[k for k in range(len(parts)) if k not in pair] for pair, _, _ in some]
-            beside = torch.stack([self.model.joined(parts[others]) for others in kept])
             starts = self.model.clamped(torch.from_numpy(np.stack([row for _, row, _ in some])))
             enough = self.loss + LINE_PENALTY
             joined, losses = fit_each(
@@ -143,16 +151,18 @@ class LineSet:
                 self.relief,
                 self.sigma,
                 iterations=8,
-                printed_m=beside,
+                printed_m=self.model.without(parts, [pair for pair, _, _ in some]),
                 below=enough + GIVEN_UP_LOSS,
             )
-            for others, line, alone, (_, _, key) in zip(kept, joined, losses.tolist(), some, strict=True):
+            for (pair, _, key), line, alone in zip(some, joined, losses.tolist(), strict=True):
                 failed.add(key)
                 if alone > enough + GIVEN_UP_LOSS:
                     continue
-                lines = torch.cat([self.lines[others], line[None]])
+                others = [k for k in range(len(parts)) if k not in pair]
                 near = self._near(self.model.parts(line[None])[0][0], parts[others])
-                lines, loss = self._fitted(lines, [*near, len(others)], 8, enough)
+                still = [k for at, k in enumerate(others) if at not in set(near)]
+                lines = torch.cat([self.lines[others], line[None]])
+                lines, loss = self._fitted(lines, [*near, len(others)], still, 8, enough)
                 if loss < enough:
                     self.lines, self.loss = lines, loss
                     return True
@@ -170,28 +180,50 @@ class LineSet:
 
     def _without(self, k: int) -> tuple[torch.Tensor, float]:
         """The other lines in place of all, those that cover the same plate moved first, and their loss."""
-        parts = self.model.parts(self.lines)[0]
         others = [j for j in range(len(self.lines)) if j != k]
-        kept = self.lines[others]
-        enough = self.loss + LINE_PENALTY
-        rivals = self._near(parts[k], parts[others], RIVAL_OVERLAP)
-        kept, loss = self._fitted(kept, rivals, 8, enough + GIVEN_UP_LOSS)
-        if loss > enough + GIVEN_UP_LOSS:
-            return kept, loss
-        return self._fitted(kept, self._near(parts[k], parts[others]), 6, enough)
+        kept, enough, alike = self.lines[others], self.loss + LINE_PENALTY, self.shown.alike[k]
+        for overlap, iterations, asked in ((RIVAL_OVERLAP, 8, enough + GIVEN_UP_LOSS), (APART_OVERLAP, 6, enough)):
+            near = [at for at, j in enumerate(others) if alike[j] > overlap]
+            still = [j for j in others if alike[j] <= overlap]
+            kept, loss = self._fitted(kept, near, still, iterations, asked)
+            if loss > asked:
+                break
+        return kept, loss
 
-    def _near(self, part: torch.Tensor, others: torch.Tensor, overlap: float = APART_OVERLAP) -> list[int]:
+    def _near(self, part: torch.Tensor, others: torch.Tensor) -> list[int]:
         """Which of the others [L, n, n] have something to do with a line [n, n], by the angle between heights."""
         norms = others.flatten(1).norm(dim=1).clamp_min(1e-12) * part.norm().clamp_min(1e-12)
         alike = (others.flatten(1) @ part.flatten()) / norms
-        near: list[int] = (alike > overlap).nonzero()[:, 0].tolist()
+        near: list[int] = (alike > APART_OVERLAP).nonzero()[:, 0].tolist()
         return near
 
     def _fitted(
-        self, lines: torch.Tensor, only: list[int], iterations: int, below: float
+        self, lines: torch.Tensor, only: list[int], still: list[int], iterations: int, below: float
     ) -> tuple[torch.Tensor, float]:
+        """Some of the lines moved; those beside them stay where these lines here are."""
+        printed = self.model.joined(self.shown.parts[still])
         about = self.model, lines, self.relief, self.sigma
-        return fit_lines(*about, iterations=iterations, only=only, below=below)
+        return fit_lines(*about, iterations=iterations, only=only, below=below, others_m=printed)
+
+
+class _Shown:
+    """Lines, each alone, and how much any two have to do with each other; made when they are asked for."""
+
+    def __init__(self, model: LineModel, lines: torch.Tensor):
+        self.lines, self._model = lines, model
+
+    @cached_property
+    def parts(self) -> torch.Tensor:
+        """Heights [m], shape [L, n, n]."""
+        return self._model.parts(self.lines)[0]
+
+    @cached_property
+    def alike(self) -> list[list[float]]:
+        """Cosines of the angles between heights [1], of line by line."""
+        flat = self.parts.flatten(1)
+        flat = flat / flat.norm(dim=1, keepdim=True).clamp_min(1e-12)
+        found: list[list[float]] = (flat @ flat.T).tolist()
+        return found
 
 
 def joined_line(a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
