@@ -30,7 +30,7 @@ class Extremes:
 
     Attributes:
         where: address of the heights, for kernels, shape [1].
-        here: lowest and highest so far, on the device, shape [2].
+        here: lowest and highest so far, on the device, as integers in the same order, shape [2].
         told: the same where the host looks for them.
     """
 
@@ -40,7 +40,8 @@ class Extremes:
         # Made once: memory that a GPU can write to takes the host longer than a simulation.
         self._pair = torch.zeros(2, dtype=dtype, pin_memory=is_gpu)
         self._address = torch.zeros(1, dtype=torch.int64, device=device)
-        self._best = torch.tensor(NOT_YET, dtype=dtype, device=device)
+        bits = torch.tensor(NOT_YET, dtype=dtype).view(torch.int32 if dtype == torch.float32 else torch.int64)
+        self._best = torch.where(bits < 0, bits ^ torch.iinfo(bits.dtype).max, bits).to(device)
         self._seen, self._asked, self._device = self._pair.numpy(), 0, device
         kind, reader = dtype_of(torch.finfo(dtype).bits), wp.device_from_torch(device)
         self.where: Any = wp.array(ptr=self._address.data_ptr(), shape=(1,), dtype=wp.uint64, device=reader)

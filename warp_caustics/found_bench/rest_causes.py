@@ -30,7 +30,7 @@ from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import verdict_of
 from warp_caustics.found_bench.bench_step import bench_step, block_spread, laplacian
 from warp_caustics.reconstruct.pyramid import DARK_FLOOR
-from warp_caustics.reconstruct.rest import COARSE_PX, Rest
+from warp_caustics.reconstruct.rest import Rest
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.types import FloatArray
@@ -257,11 +257,9 @@ def _camera_columns(shown: torch.Tensor) -> tuple[list[str], torch.Tensor]:
 
 def _dirt(rest: Rest) -> Iterator[Cause]:
     even = (rest.regions()[0] & (rest.measurement.weight > 0).all(0)).cpu().numpy()
-    left = rest.left.cpu().numpy()
     if even.mean() < 0.01:
         return
-    fine = left - scipy.ndimage.gaussian_filter(left, (0, COARSE_PX, COARSE_PX))
-    square = np.square(fine).mean(0)[even]
+    square = (rest.left - rest.coarse).square().mean(0).cpu().numpy()[even]
     noise = float(rest.noise2.mean(0).cpu().numpy()[even].mean())
     # The median tells grain, whatever a few spots do; of a mean of squares of n_w channels it is nearly the mean.
     grain2, whole2 = max(float(np.median(square)) - noise, 0.0), max(float(square.mean()) - noise, 0.0)

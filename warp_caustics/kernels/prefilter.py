@@ -21,6 +21,17 @@ def prefilter_kernels(dtype: Any) -> SimpleNamespace:
     (:class:`~warp_caustics.extremes.Extremes`).
     """
 
+    integer = wp.int32 if dtype == wp.float32 else wp.int64
+    below = integer(2 ** (31 if dtype == wp.float32 else 63) - 1)
+
+    @no_type_check
+    @wp.func
+    def ordered(bits: integer):
+        """Integers in the order of the numbers whose bits they are, and back: a GPU is quick to take the least."""
+        if bits < integer(0):
+            return bits ^ below
+        return bits
+
     @no_type_check
     @wp.func
     def filtered_in_column(
@@ -95,7 +106,7 @@ def prefilter_kernels(dtype: Any) -> SimpleNamespace:
         most: dtype,
         # outputs
         filtered: wp.array3d[dtype],
-        extremes: wp.array[dtype],
+        extremes: wp.array[integer],
     ):
         """The same of planes [B, K, K] at the address ``where[0]``; ``extremes`` become the lowest and highest."""
         b, i, j = wp.tid()
@@ -105,8 +116,8 @@ def prefilter_kernels(dtype: Any) -> SimpleNamespace:
         filtered[b, i, j] = total
         # Each of these rows saw all that lie within reach: together they saw every one.
         if i % (2 * reach + 1) == 0 or i == filtered.shape[1] - 1:
-            wp.atomic_min(extremes, 0, lowest)
-            wp.atomic_max(extremes, 1, highest)
+            wp.atomic_min(extremes, 0, ordered(wp.cast(lowest, integer)))
+            wp.atomic_max(extremes, 1, ordered(wp.cast(highest, integer)))
 
     @no_type_check
     @wp.kernel(enable_backward=False, module="unique")
@@ -129,17 +140,17 @@ def prefilter_kernels(dtype: Any) -> SimpleNamespace:
         reach: wp.int32,
         # outputs
         filtered: wp.array3d[dtype],
-        extremes: wp.array[dtype],
+        extremes: wp.array[integer],
         told: wp.array[dtype],
     ):
         """The same; ``extremes`` are told to the host, and forgotten."""
         b, i, j = wp.tid()
         filtered[b, i, j] = filtered_in_row(planes, transposed, b, i, j, reach)
         if b == 0 and i == 0 and j == 0:
-            told[0] = extremes[0]
-            told[1] = extremes[1]
-            extremes[0] = dtype(wp.inf)
-            extremes[1] = dtype(-wp.inf)
+            told[0] = wp.cast(ordered(extremes[0]), dtype)
+            told[1] = wp.cast(ordered(extremes[1]), dtype)
+            extremes[0] = ordered(wp.cast(dtype(wp.inf), integer))
+            extremes[1] = ordered(wp.cast(dtype(-wp.inf), integer))
 
     return SimpleNamespace(
         filter_columns=filter_columns,

@@ -119,11 +119,12 @@ def minimised(
     found, damping = start, 1e-2
     least, normal, right = told(found)
     for left in reversed(range(iterations)):
-        scale = normal.diagonal() + 1e-9 * normal.diagonal().max() + 1e-12
+        diagonal = normal.diagonal()
+        scale = diagonal + 1e-9 * diagonal.max() + 1e-12
         before = least
         for _trial in range(DAMPING_TRIALS):
             with one_thread():
-                step = torch.linalg.solve(normal + damping * torch.diag(scale), right)
+                step = torch.linalg.solve(torch.diagonal_scatter(normal, diagonal + damping * scale), right)
             tried = moved(found, step)
             new, normal_there, right_there = told(tried)
             if new < least:

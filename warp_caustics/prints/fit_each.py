@@ -7,12 +7,14 @@ import math
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
 import torch
 
 from warp_caustics.prints.fit import CONVERGED, GEMAN_MCCLURE, LARGER_GAINS
 from warp_caustics.prints.fit_system import FitSystem, fit_system
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import share
+from warp_caustics.types import FloatArray, IntArray
 
 DAMPING_START, DAMPING_UP, DAMPING_DOWN, DAMPING_LEAST = 1e-2, 6.0, 5.0, 1e-6
 TRIALS_PER_ITERATION = 1.5
@@ -98,25 +100,34 @@ def _each_alone(
 def _minimised(
     system: System, model: LineModel, lines: torch.Tensor, iterations: int, below: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    found, damping = lines.clone(), torch.full((len(lines), 1), DAMPING_START, dtype=torch.float64)
-    least, normal, right = (each.clone() for each in system(found, torch.arange(len(found))))
-    active = torch.ones(len(found), dtype=torch.bool)
+    """Small arrays by NumPy, which takes a fifth of the time for them that torch does."""
+
+    def told(rows: FloatArray, of: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        loss, normal, right = system(torch.from_numpy(rows), torch.from_numpy(of))
+        return loss.numpy(), normal.numpy(), right.numpy()
+
+    found = lines.numpy().copy()
+    damping, active = np.full(len(found), DAMPING_START), np.ones(len(found), dtype=bool)
+    least, normal, right = (each.copy() for each in told(found, np.arange(len(found))))
     for left in reversed(range(round(TRIALS_PER_ITERATION * iterations))):
-        chosen = active.nonzero()[:, 0]
+        chosen = active.nonzero()[0]
         if not len(chosen):
             break
-        diagonal = normal[chosen].diagonal(dim1=1, dim2=2)
-        scale = diagonal + 1e-9 * diagonal.amax(dim=1, keepdim=True) + 1e-12
-        step = torch.linalg.solve(normal[chosen] + torch.diag_embed(damping[chosen] * scale), right[chosen])
-        tried = model.moved(found[chosen], step.flatten())
-        loss, normal_there, right_there = system(found.index_copy(0, chosen, tried), chosen)
+        damped = normal[chosen]
+        diagonal = np.einsum("kii->ki", damped)
+        scale = diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
+        diagonal += damping[chosen, None] * scale
+        step = np.linalg.solve(damped, right[chosen, :, None])
+        tried = found.copy()
+        tried[chosen] = model.moved(torch.from_numpy(found[chosen]), torch.from_numpy(step.reshape(-1))).numpy()
+        loss, normal_there, right_there = told(tried, chosen)
         is_better, gain = loss < least[chosen], least[chosen] - loss
         is_last = is_better & ((gain <= CONVERGED * least[chosen]) | (loss - LARGER_GAINS * gain * left > below))
         better = chosen[is_better]
-        found[better], least[better] = tried[is_better], loss[is_better]
+        found[better], least[better] = tried[better], loss[is_better]
         normal[better], right[better] = normal_there[is_better], right_there[is_better]
-        damping[better] = (damping[better] / DAMPING_DOWN).clamp_min(DAMPING_LEAST)
+        damping[better] = np.maximum(damping[better] / DAMPING_DOWN, DAMPING_LEAST)
         damping[chosen[~is_better]] *= DAMPING_UP
         active[chosen[is_last]] = False
-        active &= damping[:, 0] < DAMPING_UP**6
-    return found, least
+        active &= damping < DAMPING_UP**6
+    return torch.from_numpy(found), torch.from_numpy(least)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -79,8 +80,15 @@ class Rest:
         beyond = (self.left.square() - self.noise2).sum(0)
         parts = {"even": even, "bright": bright & ~even, "between": ~(even | bright)}
         found = {name: _share(float(beyond[where].sum()), self.light2) for name, where in parts.items()}
-        coarse = scipy.ndimage.gaussian_filter(self.left.cpu().numpy(), (0, COARSE_PX, COARSE_PX))
-        return found | {"coarse": _share(float(np.square(coarse).sum()), self.light2)}
+        return found | {"coarse": _share(float(self.coarse.square().sum()), self.light2)}
+
+    @cached_property
+    def coarse(self) -> torch.Tensor:
+        """What is left of :attr:`left` after means over :data:`COARSE_PX`, shape [n_w, m, m]."""
+        if self.left.is_cuda:
+            means = coarse_means(self.left.shape[-1]).to(self.left.device)
+            return means @ self.left @ means.T
+        return torch.from_numpy(scipy.ndimage.gaussian_filter(self.left.numpy(), (0, COARSE_PX, COARSE_PX)))
 
     def regions(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Where light is even and where it is bright, shape [m, m] each."""
@@ -98,6 +106,12 @@ class Rest:
     def record(self) -> dict[str, Any]:
         """For a result's counters: shares of the image's light."""
         return {"beyond_noise": _share(self.beyond2, self.light2), "of_contrast": self.share, **self.by_region()}
+
+
+@lru_cache(maxsize=4)
+def coarse_means(pixels: int) -> torch.Tensor:
+    """Means over :data:`COARSE_PX` along one axis as a matrix, shape [pixels, pixels], float64."""
+    return torch.from_numpy(scipy.ndimage.gaussian_filter1d(np.eye(pixels), COARSE_PX, axis=0))
 
 
 def local_relief(heights: FloatArray) -> FloatArray:

@@ -59,7 +59,7 @@ def test_the_ends_of_the_family_are_the_sections_of_prints(shape, family, expone
 
 @pytest.mark.parametrize("shape", [Shape(0.35), Shape(0.5), Shape(1.0), Shape(2.0), Shape(1.0, 1.0), Shape(0.6, 0.5)])
 def test_width_at_half_the_height(shape):
-    assert float(line_section(shape, np.array(half_height(shape)))) == pytest.approx(0.5)
+    assert float(line_section(shape, np.array(half_height(shape)))) == pytest.approx(0.5, abs=1e-10)
     wider = reshaped(LINES, Shape(1.0), shape)
     np.testing.assert_allclose(wider[:, 4] * half_height(shape), LINES[:, 4] / 2)
     assert torch.equal(wider[:, [0, 1, 2, 3, 5]], LINES[:, [0, 1, 2, 3, 5]])

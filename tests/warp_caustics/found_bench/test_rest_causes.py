@@ -19,7 +19,7 @@ from warp_caustics.found_bench.rest_causes import (
 )
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.rest import local_relief
+from warp_caustics.reconstruct.rest import COARSE_PX, coarse_means, local_relief
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices, blurred
@@ -151,3 +151,11 @@ def test_words():
     causes = RestCauses(rest, (), 3.0)
     assert causes.line.startswith("5 % of the image beyond its noise, most of it at bright lines")
     assert causes.record["ratio"] == 3.0 and causes.record["causes"] == []
+
+
+def test_coarse_means_are_those_of_the_filter():
+    """As a GPU takes them, by products along both axes."""
+    left = np.random.default_rng(3).standard_normal((2, 96, 96))
+    means = coarse_means(96).numpy()
+    expected = scipy.ndimage.gaussian_filter(left, (0, COARSE_PX, COARSE_PX))
+    np.testing.assert_allclose(means @ left @ means.T, expected, atol=1e-13)

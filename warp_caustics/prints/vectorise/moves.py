@@ -136,8 +136,12 @@ class LineSet:
         for i in range(len(numbers)):
             for j in range(i):
                 key = numbers[[i, j]].tobytes()
-                row = None if key in failed else joined_line(numbers[i], numbers[j])
-                if row is not None:
+                if key in failed:
+                    continue
+                row = joined_line(numbers[i], numbers[j])
+                if row is None:
+                    failed.add(key)
+                else:
                     tried.append(((i, j), row, key))
         if not tried:
             return False

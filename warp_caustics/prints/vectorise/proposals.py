@@ -11,6 +11,8 @@ ANGLES = 24
 """Directions of half a turn; an even number, so that across each of them lies another one."""
 FOLLOWED_STEPS = 100
 """Steps of half a sample along which a ridge is followed, each way."""
+STEPS_AT_ONCE = 20
+"""Of these, after which it is seen which ridges go on: most directions lead across one."""
 RIDGE_END_SHARE = 0.45
 """A ridge ends where it falls below this share of its height at the start: lines on top only raise it."""
 COSINE = Shape()
@@ -59,9 +61,7 @@ def _through(smooth: FloatArray, tops: IntArray, plate_size_m: tuple[float, floa
     n = len(smooth)
     pitch_x, pitch_y = (size / n for size in plate_size_m)
     pitch = (pitch_x + pitch_y) / 2
-    # Directions in samples: of a plate that is not square they are a little off, the fit turns them.
-    at = tops.T[:, :, None, None] + np.stack([np.sin(_ANGLES), np.cos(_ANGLES)])[:, None, :, None] * _STEPS
-    along = scipy.ndimage.map_coordinates(smooth, at, order=1, mode="constant", cval=-1.0)
+    along = _along(smooth, tops)
     height = smooth[tuple(tops.T)][:, None, None]
     first, last = _runs(along > RIDGE_END_SHARE * height)
     # Across a direction lies the one at a right angle to it, which is another of them.
@@ -83,6 +83,27 @@ def _through(smooth: FloatArray, tops: IntArray, plate_size_m: tuple[float, floa
             turn = np.cos(_ANGLES[angle]), np.sin(_ANGLES[angle])
             lines.append([*(np.array([x, y]) + ends[:, None] * turn).ravel(), width, max(typical, 3e-5)])
     return np.array(lines)
+
+
+def _along(smooth: FloatArray, tops: IntArray) -> FloatArray:
+    """Heights along all directions through samples [K, 2], shape [K, angles, steps]; -1 beyond a ridge's end."""
+    # Directions in samples: of a plate that is not square they are a little off, the fit turns them.
+    ways = np.stack([np.sin(_ANGLES), np.cos(_ANGLES)])
+    along = np.full((len(tops), ANGLES, 2 * FOLLOWED_STEPS + 1), -1.0)
+    along[..., FOLLOWED_STEPS] = smooth[tuple(tops.T)][:, None]
+    ends = RIDGE_END_SHARE * along[..., FOLLOWED_STEPS]
+    for side in (-1, 1):
+        k, angle = np.indices(ends.shape).reshape(2, -1)
+        for begun in range(0, FOLLOWED_STEPS, STEPS_AT_ONCE):
+            steps = side * np.arange(begun + 1, min(begun + STEPS_AT_ONCE, FOLLOWED_STEPS) + 1)
+            at = tops[k].T[..., None] + ways[:, angle, None] * (steps / 2)
+            heights = scipy.ndimage.map_coordinates(smooth, at, order=1, mode="constant", cval=-1.0)
+            along[k[:, None], angle[:, None], FOLLOWED_STEPS + steps] = heights
+            goes_on = (heights > ends[k, angle, None]).all(axis=1)
+            k, angle = k[goes_on], angle[goes_on]
+            if not len(k):
+                break
+    return along
 
 
 def _runs(is_high: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
