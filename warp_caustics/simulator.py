@@ -186,7 +186,8 @@ class CausticSimulator:
             raise InputError(f"heights are {heights.dtype}, the simulator {self.dtype}; convert with .to({self.dtype})")
         if heights.device.type != self.device.type:
             raise InputError(f"heights are on {heights.device}, the simulator on {self.device}; move them with .to()")
-        return heights if heights.ndim == 3 else heights[None]
+        # From another GPU to this one: kernels read heights where they are.
+        return (heights if heights.ndim == 3 else heights[None]).to(self.device)
 
     def _check_heights(self, heights: torch.Tensor, lowest: float, highest: float) -> None:
         """Refuse heights that cannot be simulated; of those that are not all numbers the extremes are none."""

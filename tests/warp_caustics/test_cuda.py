@@ -136,6 +136,22 @@ def test_impossible_heights_are_refused_through_graphs():
             simulator(empty)
 
 
+def test_heights_may_be_on_another_gpu():
+    """And come and go between places in memory, through graphs that read them where they are."""
+    simulator, there = CausticSimulator(FAR, n_photons=900, device="cuda:0"), f"cuda:{torch.cuda.device_count() - 1}"
+    one, other = bumpy().float(), 0.5 * bumpy().float()
+    expected = [CausticSimulator(FAR, n_photons=900)(heights) for heights in (one, other)]
+    for device in ("cuda:0", there, "cuda:0", there):
+        for heights, image in zip((one, other), expected, strict=True):
+            moved = torch.stack([heights, heights]).to(device)[1].T.contiguous().T  # a view that is not contiguous
+            found = simulator(moved)
+            assert found.device == simulator.device
+            torch.testing.assert_close(found.cpu(), image, rtol=1e-3, atol=1e-4 * float(image.max()))
+            leaf = moved.clone().requires_grad_()
+            simulator(leaf).sum().backward()
+            assert leaf.grad.device == leaf.device and bool(leaf.grad.isfinite().all())
+
+
 def test_deferred_wide_footprints_are_not_lost(monkeypatch):
     """A far screen behind a steep relief has footprints of all sizes; deferring changes nothing but the order."""
     import warp_caustics.optics as optics
