@@ -22,6 +22,8 @@ COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 28, 32, 40, 48, 64)
 """Lines that there are graphs for; fewer are told with others that are nowhere."""
 MOST_BYTES = 2**28
 """Of a system; larger ones are not recorded."""
+KEPT_BYTES = 2**29
+"""Of all that are kept for another fit; where there would be more, as of several grids, they are forgotten."""
 NUMBERS = 6
 """Of a line."""
 TRAITS = 7
@@ -134,6 +136,12 @@ class FitSystem:
             found = left @ right.T
         self._found.copy_(found, non_blocking=True)
 
+    @property
+    def bytes(self) -> int:
+        """Memory on the device, without what products take meanwhile."""
+        kept = (self._jacobians, self._weighted, self._heights, self._printed, self._relief, self._inverse_variance)
+        return sum(each.nbytes for each in kept)
+
 
 _Key = tuple[torch.device, int, tuple[float, float], int, int, bool]
 _UNUSED: dict[_Key, list[FitSystem]] = defaultdict(list)
@@ -155,4 +163,6 @@ def fit_system(model: LineModel, count: int, *, is_each: bool) -> Iterator[FitSy
     try:
         yield system
     finally:
+        if sum(each.bytes for kept in list(_UNUSED.values()) for each in kept) + system.bytes > KEPT_BYTES:
+            _UNUSED.clear()
         _UNUSED[key].append(system)

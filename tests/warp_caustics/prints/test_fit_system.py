@@ -122,3 +122,17 @@ def test_a_system_is_in_one_pair_of_hands():
     for count, of in ((COUNTS[-1], large), (COUNTS[-1] + 1, model)):
         with fit_system(of, count, is_each=False) as none:
             assert none is None
+
+
+def test_no_more_is_kept_than_there_is_room_for(monkeypatch):
+    model, kept = on("cpu"), module._UNUSED
+    monkeypatch.setattr(module, "_UNUSED", type(kept)(list))
+    with fit_system(model, 5, is_each=False) as small, fit_system(model, 5, is_each=True) as other:
+        assert 2 * 7 * 6 * N * N * 4 < small.bytes < 2 * 8 * 8 * N * N * 4
+    with fit_system(model, 5, is_each=True) as again:
+        assert again is other
+    monkeypatch.setattr(module, "KEPT_BYTES", small.bytes + other.bytes - 1)
+    with fit_system(model, 5, is_each=False) as again:
+        assert again is small
+    with fit_system(model, 5, is_each=True) as new:
+        assert new is not other
