@@ -10,6 +10,7 @@ from warp_caustics.kernels.lattice_surface import lattice_adjoint_kernels
 from warp_caustics.kernels.prefilter import prefilter_kernels
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.kernels.surface_adjoint import surface_adjoint_kernel
+from warp_caustics.prints.fit_kernels import weigh_together
 
 POINT = Effects(fresnel=True, lamp=True, tilt=False, point=True, second_hits=True)
 
@@ -26,6 +27,7 @@ KERNELS = {
     "scattered photons": lambda: surface_adjoint_kernel(wp.float32, False),
     "lattice": lambda: lattice_adjoint_kernels(wp.float32).gather_along_y,
     "prefilter": lambda: prefilter_kernels(wp.float32).filter_columns,
+    "fits of lines": lambda: weigh_together,
     "prefilter that tells": lambda: prefilter_kernels(wp.float32).filter_columns_there,
 }
 

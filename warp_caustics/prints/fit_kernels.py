@@ -9,11 +9,9 @@ from typing import no_type_check
 import warp as wp
 
 from warp_caustics.prints.kernels import line_cell
+from warp_caustics.prints.overlap import LEAST, TINY_M
 
-LEAST_OVERLAP = wp.constant(0.02)
-"""``overlap.LEAST``."""
-TINY_M = wp.constant(1.0e-12)
-"""``overlap.TINY_M``."""
+LEAST_OVERLAP, TINIEST_M = wp.constant(LEAST), wp.constant(TINY_M)
 
 
 @no_type_check
@@ -25,7 +23,7 @@ def over(height: wp.float32, other: wp.float32, q: wp.float32):
     highest = wp.max(height, other)
     if q < LEAST_OVERLAP:
         return highest
-    lower = wp.max(wp.min(height, other), 0.0) / wp.max(highest, TINY_M)
+    lower = wp.max(wp.min(height, other), 0.0) / wp.max(highest, TINIEST_M)
     return highest * wp.pow(1.0 + wp.pow(lower, 1.0 / q), q)
 
 
@@ -39,7 +37,7 @@ def share(height: wp.float32, total: wp.float32, q: wp.float32):
         if height >= total:
             return 1.0
         return 0.0
-    return wp.pow(wp.clamp(height / wp.max(total, TINY_M), 0.0, 1.0), 1.0 / q - 1.0)
+    return wp.pow(wp.clamp(height / wp.max(total, TINIEST_M), 0.0, 1.0), 1.0 / q - 1.0)
 
 
 @no_type_check
@@ -118,9 +116,9 @@ def weigh_together(
         for k in range(count):
             highest = wp.max(highest, heights[k, i, j])
         if q >= LEAST_OVERLAP:
-            powers = wp.pow(wp.max(total, 0.0) / wp.max(highest, TINY_M), 1.0 / q)
+            powers = wp.pow(wp.max(total, 0.0) / wp.max(highest, TINIEST_M), 1.0 / q)
             for k in range(count):
-                powers += wp.pow(heights[k, i, j] / wp.max(highest, TINY_M), 1.0 / q)
+                powers += wp.pow(heights[k, i, j] / wp.max(highest, TINIEST_M), 1.0 / q)
             total = highest * wp.pow(powers, q)
         else:
             total = highest
