@@ -72,6 +72,7 @@ class Extremes:
         while self._seen[0] > self._seen[1]:
             waited = time.perf_counter() - began
             if waited > PATIENCE_S:
+                self._asked = 0  # who knows what the GPU was told
                 torch.cuda.synchronize(self._device)
                 break
             time.sleep(0 if waited < AT_ONCE_S else PAUSE_S)

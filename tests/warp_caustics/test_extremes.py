@@ -52,7 +52,11 @@ def test_a_gpu_that_never_answers_is_asked(monkeypatch):
 
     monkeypatch.setattr(module, "PATIENCE_S", 0.01)
     monkeypatch.setattr(torch.cuda, "synchronize", failed)
-    extremes = Extremes(CPU, torch.float32)
-    extremes.ask(torch.zeros(1))
+    extremes, heights = Extremes(CPU, torch.float32), torch.zeros(1)
+    extremes.ask(heights)
     with pytest.raises(RuntimeError, match="illegal memory access"):
         extremes.read()
+    # Where the heights are it may never have heard, and is told anew.
+    extremes._address.zero_()
+    extremes.ask(heights)
+    assert int(extremes._address) == heights.data_ptr()
