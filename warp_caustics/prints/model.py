@@ -251,8 +251,8 @@ class LineModel:
     def without(self, parts: torch.Tensor, groups: Sequence[Sequence[int]]) -> torch.Tensor:
         """Reliefs of all lines but those of a group [m], shape [groups, n, n], from each alone; groups are as large."""
         if self.shape.overlap == 1:
-            gone = torch.tensor(groups, device=parts.device).reshape(len(groups), -1)
-            return parts.sum(dim=0) - parts[gone].sum(dim=1)
+            total = parts.sum(dim=0).expand(len(groups), *parts.shape[1:])
+            return total - parts[torch.tensor(groups, device=parts.device)].sum(dim=1) if len(groups) else total
         rest = torch.zeros(len(groups), *parts.shape[1:], dtype=parts.dtype, device=parts.device)
         for printed, group in zip(rest, groups, strict=True):
             printed[...] = self.joined(parts[[k for k in range(len(parts)) if k not in group]])

@@ -36,6 +36,17 @@ def test_gradient_with_respect_to_lines(model, image):
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.05)
 
 
+@pytest.mark.parametrize("blur_px", [None, np.array([0.4, 0.8, 1.2])])
+def test_gradient_that_a_gpu_records_is_the_same(model, image, blur_px):
+    """Through the camera's blur, too, of one fit's own image."""
+    fit = ImageFit(SCENE, image, model, 2 * N, width=0.1, blur_px=blur_px)
+    heights = model.heights(LINES + 1e-4)
+    value, gradient, _ = fit.with_gradient(heights)
+    recorded = fit._gradient(heights)
+    assert float(recorded.value) == pytest.approx(value, rel=1e-6)
+    assert float((recorded.gradient - gradient).abs().max()) < 1e-5 * float(gradient.abs().max())
+
+
 def test_metric_is_the_curvature_of_the_misfit(model, image):
     """Along a random direction, at lines that explain the image: u N u / 2 of what a small step costs."""
     seen = CausticImage(CausticSimulator(SCENE)(model.heights(LINES)).numpy())

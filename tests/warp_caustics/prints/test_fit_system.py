@@ -9,6 +9,7 @@ from warp_caustics.prints.fit import GEMAN_MCCLURE, fit_lines, normal_equations
 from warp_caustics.prints.fit_each import _each_alone, fit_each
 from warp_caustics.prints.fit_system import COUNTS, MOST_BYTES, fit_system
 from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.overlap import share
 from warp_caustics.scene import Scene
 
 N = 48
@@ -63,7 +64,7 @@ def test_lines_together(device, shape):
             def over_printed(rows, printed=printed):
                 parts, derivatives = model.parts(rows)
                 total = model.joined(torch.cat([printed[None], parts]))
-                shares = module_share(parts, total, model.shape.overlap)
+                shares = shares_of(parts, total, model.shape.overlap)
                 return total, (derivatives * shares[:, None]).flatten(0, 1)
 
             kept.about(relief, sigma, printed)
@@ -72,9 +73,8 @@ def test_lines_together(device, shape):
                 assert_alike(kept(model, lines), expected)
 
 
-def module_share(parts, total, q):
-    from warp_caustics.prints.overlap import share
-
+def shares_of(parts, total, q):
+    """Of sums, to which each line adds what it is, all."""
     return torch.ones_like(parts) if q == 1 else share(parts, total, q)
 
 

@@ -169,3 +169,17 @@ def test_rows_are_lines():
     assert torch.equal(rows_of(lines_of(LINES)), LINES) and rows_of([]).shape == (0, 6)
     relief, jacobian = LineModel(SCENE).with_jacobian(LINES)
     assert relief.shape == (64, 64) and jacobian.shape == (12, 64, 64)
+
+
+@pytest.mark.parametrize("overlap", [1.0, 0.4, 0.0])
+def test_reliefs_without_some_of_the_lines(overlap):
+    """Of pairs, of one each, and of none that are asked for; of no lines at all."""
+    model = LineModel(Scene(height_samples=24, image_pixels=24))
+    model.shape = Shape(overlap=overlap)
+    ends = [(-0.01, 0.0, 0.012, 0.003), (0.0, -0.01, 0.002, 0.01), (-0.008, 0.008, 0.01, -0.006)]
+    parts = model.parts(torch.tensor([[*each, 3e-3, 4e-4] for each in ends], dtype=torch.float64))[0]
+    found = model.without(parts, [(0, 2), (1, 0)])
+    torch.testing.assert_close(found, parts[[1, 2]], rtol=0, atol=1e-9)
+    expected = [model.joined(parts[[k for k in range(3) if k != gone]]) for gone in range(3)]
+    torch.testing.assert_close(model.without_each(parts), torch.stack(expected), rtol=0, atol=1e-9)
+    assert model.without(parts, []).shape == model.without_each(parts[:0]).shape == (0, 24, 24)
