@@ -36,6 +36,7 @@ UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 """What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
 FIBRE_FILES = ("printed_lines.csv",)
+PATH_FILES = ("printed_lines.yaml",)
 """What it holds besides where the method found the lines that were printed."""
 
 SAMPLE_FILES = ("samples.npy",)
@@ -115,6 +116,8 @@ def write_results(
         write_figure(folder / "uncertainty.png", uncertainty_figure(scene, result.uncertainty_m))
     if result.fibres_m is not None:
         write_lines(folder / "printed_lines.csv", [Line((a, b), (c, d), w, h) for a, b, c, d, w, h in result.fibres_m])
+    if result.paths is not None:
+        write_paths(folder / PATH_FILES[0], result.paths)
     if result.samples_m is not None:
         with atomic_path(folder / SAMPLE_FILES[0]) as temporary:
             np.save(temporary, result.samples_m.astype(np.float32), allow_pickle=False)
@@ -242,6 +245,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     files = FILES if result.uncertainty_m is None else (*FILES, *UNCERTAINTY_FILES)
     if result.fibres_m is not None:
         files = (*files, *FIBRE_FILES)
+    if result.paths is not None:
+        files = (*files, *PATH_FILES)
     if result.samples_m is not None:
         files = (*files, *SAMPLE_FILES)
     low, high = (height * 1e3 for height in record["height_range_m"])
@@ -257,6 +262,11 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     lines += found_bench_lines(result)
     if result.fibres_m is not None:
         lines.append(f"lines      {len(result.fibres_m)} printed lines{made_words(record)}, in {FIBRE_FILES[0]}")
+    if result.paths is not None:
+        count = len(result.paths)
+        lines.append(
+            f"lines      {count} printed lines with corners and curves{made_words(record)}, in {PATH_FILES[0]}"
+        )
     errors = record["errors"]
     if errors:
         lines.append(

@@ -15,6 +15,7 @@ from warp_caustics.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from warp_caustics.prints.paths import PrintedPath
     from warp_caustics.reconstruct.trust import Trust
 
 StopReason = Literal["discrepancy", "converged", "max_iterations", "max_time", "interrupted"]
@@ -118,6 +119,7 @@ class Reconstruction:
             they were not kept.
         fibres_m: printed lines that make up the relief, rows (x0, y0, x1, y1, width, height) [m], shape [L, 6]; None
             where a method finds none.
+        paths: printed lines with corners and curves that make up the relief; None where a method finds none.
         samples_m: reliefs that explain the image about as well, which differ where it leaves the heights open [m],
             shape [N, n, n]; None where they were not asked for, or a method finds none.
     """
@@ -135,6 +137,7 @@ class Reconstruction:
     uncertainty_m: FloatArray | None = None
     iterates_m: FloatArray | None = None
     fibres_m: FloatArray | None = None
+    paths: "tuple[PrintedPath, ...] | None" = None
     no_uncertainty: str = ""
     trust: "Trust | None" = None
     samples_m: FloatArray | None = None

@@ -51,10 +51,15 @@ def shape_of(numbers: Sequence[float]) -> Shape:
     return Shape(exponent_of(share), parabola, overlap, thicker, end_m, bool(is_cap)).clipped()
 
 
+def reshaped_widths(shape: Shape, new: Shape) -> float:
+    """Factor of the width of a line of another section that is as wide at half its height [1]."""
+    return half_height(shape) / half_height(new)
+
+
 def reshaped(lines: torch.Tensor, shape: Shape, new: Shape) -> torch.Tensor:
     """Lines of another section that are as wide at half their height, shape [L, 6] [m]."""
     changed = lines.clone()
-    changed[:, WIDTH] *= half_height(shape) / half_height(new)
+    changed[:, WIDTH] *= reshaped_widths(shape, new)
     return changed
 
 

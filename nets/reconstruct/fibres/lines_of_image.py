@@ -11,26 +11,21 @@ import torch
 from nets.reconstruct.fibres.bench_of_lines import (
     Bench,
     BenchOfLines,
-    as_measured,
-    bench_record,
-    bench_warnings,
     numbers_of_lines,
     seen_on,
 )
+from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, CurvesOnImage, network_on
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
+from nets.reconstruct.fibres.lines_result import result_of
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.refined_lines import refined
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
-from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
 from nets.reconstruct.fibres.waves import WavyLines, waves_of
 from nets.reconstruct.losses_of_light import effects_of, with_losses
-from nets.reconstruct.network_io import network_result
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -106,6 +101,8 @@ class LinesOfImage:
         self.counted = self.lines
         self.waves: WavyLines | None = None
         """Along the lines, where they explain clearly more."""
+        self.curves: CurvesOnImage | None = None
+        """Instead of straight lines."""
         self.moves_section = False
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
@@ -178,66 +175,6 @@ class LinesOfImage:
         """Whether losses of light show, and a wrong gap, which costs little of the image."""
         return self.view.is_near(self.lines)
 
-    def result(self) -> Reconstruction:
-        """Lines if they explain the image better than the network's relief, else that relief, refined."""
-        method, answer, timings, is_noise_left = self.method, self.answer, self.timings, self.is_noise_left
-        heights, fibres, view, counters = answer.heights_m, None, self.told, dict(self.counters)
-        found_at = None
-        if self.takes_lines:
-            view, fibres = self.view, self.lines.numpy()
-            heights, counters["explained_by"] = self.relief(), "fibres"
-        if method.options.refine and self.reason == "converged" and not is_noise_left:
-            settled = refined(self, view, heights)
-            heights, counters["refinement"], found_at = settled.heights, settled.outcome, settled.found_at
-            timings["refinement"] = self.log.elapsed_s - sum(timings.values())
-        counters["camera"] = view.resimulation.camera.record
-        counters["discrepancy"] = left = view.discrepancy(heights)
-        warnings = list(answer.warnings)
-        if view is not self.told:
-            counters["losses"] = effects_of(view.scene)
-        if view is not self.told and not self.bench.is_told(self.numbers):
-            record = bench_record(self.numbers, self.bench)
-            counters["bench"] = record.record | {"light": self.bench.field.tolist()}
-            warnings += bench_warnings(self.numbers, self.bench, record)
-        uncertainty = None
-        if answer.uncertainty_m is not None:
-            is_asked = method.options.causes and not is_noise_left
-            rest = view.resimulation.rest(heights, found_at) if is_asked else None
-            posterior = None
-            if self.takes_lines and self.covariance is not None:
-                posterior = height_deviation(self.model, self.lines, self.covariance)
-            flat = method.options.flatness_beside
-            places = view.discrepancy.places(heights) if is_noise_left else None
-            of = calibration_of(self.model.shape, has_waves=self.waves is not None)
-            uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
-        result = network_result(
-            method.name,
-            view.resimulation,
-            heights,
-            reason=self.reason,
-            history=self.log.history,
-            timings=timings,
-            counters=counters,
-            settings=method.options.model_dump() | {"network": method.network.network.record},
-            warnings=warnings,
-            uncertainty=uncertainty,
-            no_uncertainty=answer.no_uncertainty,
-            found_at=found_at,
-        )
-        if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
-            told = (
-                f"{left:.1f} times the noise is left of the image where light was moved: lines are missing or wrong in "
-                "places, which the difference of the images shows"
-            )
-            result = dataclasses.replace(result, warnings=(*result.warnings, told))
-        if view is not self.told:
-            measured = as_measured(result.image.astype(np.float64), self.numbers, self.bench, self.exposure)
-            result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
-        result = dataclasses.replace(result, fibres_m=fibres)
-        if not (method.options.samples and self.takes_lines and self.reason == "converged"):
-            return result
-        return with_line_samples(result, method.options.samples, view, self.lines, self.covariance)
-
     def _fit_with_waves(self) -> None:
         """Lines that vary along their way; their numbers' covariance is another one then, and not known."""
         self.waves = waves_of(self)
@@ -245,9 +182,31 @@ class LinesOfImage:
             self.lines, self.covariance = self.waves.lines, None
             self.counters["waves"] = self.waves.record
 
+    def fit_curves(self, found: Reconstruction) -> bool:
+        """Lines with corners and curves along the ridges of a result; whether they are taken."""
+        network = network_on(self.method, self.view, self.view is self.told)
+        before = sum(self.timings.values())
+        try:
+            self.curves = CurvesOfImage(self.method, self.view, self.model, self.note, network)(found)
+        except KeyboardInterrupt:
+            return False
+        self.timings["curves"] = self.log.elapsed_s - before
+        if self.curves is None:
+            return False
+        self.counters |= {"fibres": len(self.curves.lines), "curves": self.curves.record, "explained_by": "fibres"}
+        if self.method.finds_section:
+            self.counters["section"] = self.model.shape._asdict()
+        self.is_noise_left, self.takes_lines = self.view.is_relief_explained(self.relief()), True
+        return True
+
+    def result(self) -> Reconstruction:
+        """Lines if they explain the image better than the network's relief, else that relief, refined."""
+        return result_of(self)
+
     def relief(self) -> FloatArray:
         """Of the lines, shape [n, n] [m]."""
-        return self.view.relief(self.lines) if self.waves is None else self.view.glass(self.waves.heights)
+        made = self.curves or self.waves
+        return self.view.relief(self.lines) if made is None else self.view.glass(made.heights)
 
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""

@@ -64,7 +64,11 @@ class LinesView:
 
     def is_explained(self, lines: torch.Tensor) -> bool:
         """Whether lines leave nothing but noise."""
-        return is_explained(self.discrepancy(self.relief(lines)))
+        return self.is_relief_explained(self.relief(lines))
+
+    def is_relief_explained(self, heights_m: FloatArray) -> bool:
+        """The same of a relief [m], shape [n, n]."""
+        return is_explained(self.discrepancy(heights_m))
 
     def is_near(self, lines: torch.Tensor) -> bool:
         """Whether lines are near enough to the plate's that a descent on all pixels may leave nothing but noise."""

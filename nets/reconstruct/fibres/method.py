@@ -126,12 +126,13 @@ class Fibres(Reconstructor):
         is_free = self._is_free(run)
         asks_network = is_free and (self.options.samples or not self.takes_bench_as_told)
         if not run.takes_lines and (direct or asks_network):
-            return direct or self._by_network(run, measured, initial, progress)
+            plain = direct or self._by_network(run, measured, initial, progress)
+            return self._with_curves(plain, run, search, measured, answer, started, progress)
         found = run.result()
         if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
             other = direct or self._by_network(run, measured, initial, progress)
             if other.residual < found.residual:
-                return other
+                return self._with_curves(other, run, search, measured, answer, started, progress)
         return self._finished(found, run)
 
     def _is_free(self, run: LinesOfImage) -> bool:
@@ -188,6 +189,35 @@ class Fibres(Reconstructor):
             answer = dataclasses.replace(answer, history=direct.history)
         timings = {"without lines": direct_s}
         return LinesOfImage(self, search.cleared(measured), answer, started, progress, bench, timings)
+
+    def _with_curves(
+        self,
+        plain: Reconstruction,
+        before: LinesOfImage,
+        search: BenchSearch,
+        measured: CausticImage,
+        answer: Reconstruction,
+        started: float,
+        progress: ProgressCallback | None,
+    ) -> Reconstruction:
+        """Lines with corners and curves where they explain the image better than what was found without lines.
+
+        Args:
+            plain: that result; it is returned where they do not.
+            before: the search for straight lines.
+            search: of the bench.
+            measured: the image.
+            answer: of the network on the told bench.
+            started: when the method did.
+            progress: of the whole run.
+        """
+        asked = self.options.curves and self.options.refine and not self.options.samples
+        if not (asked and self._is_free(before) and plain.stop_reason == "converged"):
+            return plain
+        run = self._run_after(plain, search, measured, answer, started, progress)
+        if run.answer.stop_reason == "interrupted" or not run.fit_curves(plain):
+            return plain
+        return self._finished(run.result(), run)
 
     def _by_network(
         self, run: LinesOfImage, image: CausticImage, initial: FloatArray | None, progress: ProgressCallback | None

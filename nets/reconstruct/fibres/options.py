@@ -31,6 +31,9 @@ class FibresOptions(DirectOptions):
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""
+    curves: bool = True
+    """Whether lines with corners and curves are looked for where straight ones do not tell the image; not where
+    ``samples`` are asked for, which are those of the network then."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
     """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""

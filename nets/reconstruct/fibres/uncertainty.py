@@ -58,9 +58,14 @@ TAILS = 4.0
 """Power of a section from which on it is mostly tail."""
 
 
-def calibration_of(shape: Shape, *, has_waves: bool) -> DesignCalibration:
-    """Of lines without a design that leave nothing but noise, by what they have in common."""
-    if has_waves:
+def calibration_of(shape: Shape, *, varies: bool) -> DesignCalibration:
+    """Of lines without a design that leave nothing but noise, by what they have in common.
+
+    Args:
+        shape: of all lines.
+        varies: lines have waves along them, or corners and curves.
+    """
+    if varies:
         return WAVY_LINES
     return SHAPED_LINES if shape.thicker > 0 or shape.exponent > TAILS else FOUND_LINES
 

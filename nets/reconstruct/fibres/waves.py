@@ -104,13 +104,10 @@ def waves_of(run: Run) -> WavyLines | None:
     Raises:
         KeyboardInterrupt: the run's time is over.
     """
-    view, (_, left, of_network) = run.view, run.left()
+    view, (_, left, of_network), noise = run.view, run.left(), noise_of(run.view)
     if view.is_explained(run.lines) or left > ALSO_TRIED * of_network:
         return None
     image, blur = view.image, view.blur_px
-    noise = NOISE
-    if image.noise_std is not None:
-        noise = float(np.mean(np.asarray(image.noise_std) / np.maximum(view.scene.radiosity_W_m2, 1e-30)))
     channel = clearest_wavelength(image, view.scene)
     one, told = of_wavelength(image, view.scene, channel)
 
@@ -123,6 +120,13 @@ def waves_of(run: Run) -> WavyLines | None:
     if not view.resimulation(view.glass(found.heights)).residual < WAVES_FACTOR * left:
         return None
     return with_waves(finely(view.scene, image, view.scene.image_pixels, blur), found, ALL_ITERATIONS, noise)
+
+
+def noise_of(view: LinesView) -> float:
+    """Standard deviation of a pixel, in units of the radiosity; the usual one where nobody told it."""
+    if view.image.noise_std is None:
+        return NOISE
+    return float(np.mean(np.asarray(view.image.noise_std) / np.maximum(view.scene.radiosity_W_m2, 1e-30)))
 
 
 def straight(model: LineModel, lines: torch.Tensor) -> WavyLines:

@@ -1,0 +1,188 @@
+"""Lines with corners and curves of one image, where straight ones do not tell it.
+
+Ridges of the relief that ``direct`` found are followed, through crossings, and told by few nodes each; these are fitted
+to the image. What they leave is shown to the network, which sees more in the rest, and they are found anew.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from nets.reconstruct.direct import Direct
+from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
+from nets.reconstruct.fibres.descent_numbers import reshaped_widths
+from nets.reconstruct.fibres.fibres_of import FibresOf
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.waves import noise_of
+from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
+from warp_caustics.errors import MismatchError
+from warp_caustics.prints.chain_model import ChainModel
+from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, refitted_curves
+from warp_caustics.prints.vectorise.curved_lines import CurvedLines
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
+
+FEW_ITERATIONS, ALL_ITERATIONS = 60, 25
+"""Of L-BFGS at few pixels, and at all."""
+LOOKS = 2
+"""How often a network is shown what lines leave."""
+LOOK_FACTOR = 0.98
+"""By which the misfit must fall for the lines after a look to be taken."""
+IN_VAIN = 3.0
+"""Times the misfit of the relief that lines were found in, from which on they are given up at few pixels."""
+BETTER = 0.9
+"""Share of the discrepancy of that relief that lines must leave, at most, if they leave more than noise."""
+OTHER_SECTIONS = (Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(8.0))
+"""That are tried beside the cosine."""
+OTHER_FACTOR = 0.96
+"""Another one must lower the misfit by this factor."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurvesOnImage:
+    """Lines with corners and curves that were taken.
+
+    Attributes:
+        lines: all.
+        heights: their relief [m], shape [n, n], float32, on the model's device.
+    """
+
+    lines: CurvedLines
+    heights: torch.Tensor
+
+    @property
+    def record(self) -> dict[str, int]:
+        """For a result's counters."""
+        return {
+            "lines": len(self.lines),
+            "nodes": sum(len(track.nodes_m) for track in self.lines.tracks),
+            "corners": sum(len(track.corners) for track in self.lines.tracks),
+            "closed": sum(track.is_closed for track in self.lines.tracks),
+        }
+
+
+class CurvesOfImage:
+    """A search for them.
+
+    Args:
+        method: whose image it is.
+        view: the image on its bench.
+        model: of straight lines; its section is that of these.
+        report: called after each evaluation with its loss; may raise.
+        network: that can be shown what lines leave; None for none.
+    """
+
+    def __init__(
+        self,
+        method: FibresOf,
+        view: LinesView,
+        model: LineModel,
+        report: Callable[[float], None],
+        network: Direct | None = None,
+    ):
+        self.view, self.model, self.report, self.network = view, model, report, network
+        self.chains = ChainModel(model)
+        self.most = method.options.most_lines
+        self.finds_section = method.finds_section
+        self.noise = noise_of(view)
+        image, scene, blur = view.image, view.scene, view.blur_px
+        channel = clearest_wavelength(image, scene)
+        one, told = of_wavelength(image, scene, channel)
+        self.few = self._fit(told, one, usual_pixels(scene), blur[[channel]])
+        self.moves_section = False
+
+    def _fit(self, scene: Scene, image: CausticImage, pixels: int, blur_px: FloatArray) -> ImageFit:
+        about = scene, image, self.model, pixels
+        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=self.report, blur_px=blur_px)
+
+    def __call__(self, found: Reconstruction) -> CurvesOnImage | None:
+        """Lines that explain the image better than a relief does, in whose ridges they are looked for; None for none.
+
+        Raises:
+            KeyboardInterrupt: the time is over.
+        """
+        relief = self._on_grid(found.heights_m)
+        spread = torch.zeros_like(relief)
+        if found.uncertainty_m is not None:
+            spread = self._on_grid(found.uncertainty_m) / DIRECT_CALIBRATION.scale
+        lines = curved_lines_of_relief(self.model, relief, spread, most=self.most)
+        if not len(lines):
+            return None
+        if self.finds_section:
+            lines = self._with_section(lines, relief, spread)
+        before = self.few.loss(relief.to(self.model.device))
+        lines, loss = self._fitted(lines)
+        if loss > IN_VAIN * before:
+            return None
+        for _ in range(LOOKS):
+            if self._is_explained(lines):
+                break
+            again = self._seen_again(lines)
+            if again is None or again[1] > LOOK_FACTOR * loss:
+                break
+            lines, loss = again
+        fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.blur_px)
+        lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
+        was = self.view.discrepancy(relief.double().numpy())
+        left = self.view.discrepancy(self._relief(lines))
+        if was is None or left is None or not left < BETTER * was:
+            return None
+        return CurvesOnImage(lines, curved_heights(self.chains, lines))
+
+    def _on_grid(self, values_m: FloatArray) -> torch.Tensor:
+        """Values on the user's grid, at the samples of the model, shape [n, n] [m], float32."""
+        values = torch.as_tensor(values_m, dtype=torch.float32)
+        if len(values) == self.model.n:
+            return values
+        size = (self.model.n, self.model.n)
+        return torch.nn.functional.interpolate(values[None, None], size, mode="bilinear", antialias=True)[0, 0]
+
+    def _fitted(self, lines: CurvedLines) -> tuple[CurvedLines, float]:
+        """Lines after a descent at few pixels, and their misfit."""
+        return fitted_to_image(self.few, lines, FEW_ITERATIONS, self.noise, with_section=self.moves_section)
+
+    def _relief(self, lines: CurvedLines) -> FloatArray:
+        return self.view.glass(curved_heights(self.chains, lines))
+
+    def _is_explained(self, lines: CurvedLines) -> bool:
+        return self.view.is_relief_explained(self._relief(lines))
+
+    def _seen_again(self, lines: CurvedLines) -> tuple[CurvedLines, float] | None:
+        """Lines in what a network says that is shown what these leave, and their misfit; None where it says nothing."""
+        said = None if self.network is None else self.network.looked_again(self.view.resimulation, self._relief(lines))
+        if said is None:
+            return None
+        relief, spread = (values.cpu() for values in said)
+        tried = []
+        for start in (None, lines):
+            found = curved_lines_of_relief(self.model, relief, spread, most=self.most, start=start)
+            if len(found):
+                tried.append(self._fitted(found))
+        return min(tried, key=lambda each: each[1]) if tried else None
+
+    def _with_section(self, lines: CurvedLines, relief: torch.Tensor, spread: torch.Tensor) -> CurvedLines:
+        """Lines of the section that tells the relief best; the model has it afterwards."""
+        model, given = self.model, self.model.shape
+        best, left = refitted_curves(model, lines, relief, spread)
+        least, shape = OTHER_FACTOR * left, given
+        for other in OTHER_SECTIONS:
+            model.shape = given.with_section(other)
+            widened = CurvedLines(lines.tracks, lines.sizes * [reshaped_widths(given, model.shape), 1.0])
+            found, left = refitted_curves(model, widened, relief, spread)
+            if left < least:
+                best, least, shape = found, left, model.shape
+        model.shape, self.moves_section = shape, shape != given
+        return best
+
+
+def network_on(method: FibresOf, view: LinesView, is_told: bool) -> Direct | None:
+    """The network on the bench of a view; None beyond its family."""
+    try:
+        return method.network if is_told else method.network.on_bench(view.scene)
+    except MismatchError:
+        return None

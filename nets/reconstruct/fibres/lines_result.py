@@ -1,0 +1,107 @@
+"""The record of what lines, or a network's relief where these tell it no better, make of an image."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+
+from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, bench_record, bench_warnings
+from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
+from nets.reconstruct.fibres.curves_paths import paths_of
+from nets.reconstruct.fibres.discrepancy import is_explained
+from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.refined_lines import ImageRun, refined
+from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
+from nets.reconstruct.fibres.waves import WavyLines
+from nets.reconstruct.losses_of_light import effects_of
+from nets.reconstruct.network_io import network_result
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import Reconstruction
+from warp_caustics.types import FloatArray
+
+
+class Run(ImageRun, Protocol):
+    """Lines of one image, found."""
+
+    view: LinesView
+    model: LineModel
+    lines: torch.Tensor
+    covariance: FloatArray | None
+    waves: WavyLines | None
+    curves: CurvesOnImage | None
+    bench: Bench
+    numbers: BenchNumbers
+    exposure: FloatArray
+    takes_lines: bool
+    is_noise_left: bool
+    timings: dict[str, float]
+    counters: Mapping[str, Any]
+
+    def relief(self) -> FloatArray:
+        """Of the lines, shape [n, n] [m]."""
+
+
+def result_of(run: Run) -> Reconstruction:
+    """Lines if they explain the image better than the network's relief, else that relief, refined."""
+    method, answer, timings, is_noise_left = run.method, run.answer, run.timings, run.is_noise_left
+    heights, fibres, view, counters = answer.heights_m, None, run.told, dict(run.counters)
+    found_at = None
+    if run.takes_lines:
+        view, fibres = run.view, None if run.curves is not None else run.lines.numpy()
+        heights, counters["explained_by"] = run.relief(), "fibres"
+    if method.options.refine and run.reason == "converged" and not is_noise_left:
+        settled = refined(run, view, heights)
+        heights, counters["refinement"], found_at = settled.heights, settled.outcome, settled.found_at
+        timings["refinement"] = run.log.elapsed_s - sum(timings.values())
+    counters["camera"] = view.resimulation.camera.record
+    counters["discrepancy"] = left = view.discrepancy(heights)
+    warnings = list(answer.warnings)
+    if view is not run.told:
+        counters["losses"] = effects_of(view.scene)
+    if view is not run.told and not run.bench.is_told(run.numbers):
+        record = bench_record(run.numbers, run.bench)
+        counters["bench"] = record.record | {"light": run.bench.field.tolist()}
+        warnings += bench_warnings(run.numbers, run.bench, record)
+    uncertainty = None
+    if answer.uncertainty_m is not None:
+        is_asked = method.options.causes and not is_noise_left
+        rest = view.resimulation.rest(heights, found_at) if is_asked else None
+        posterior = None
+        if run.takes_lines and run.covariance is not None:
+            posterior = height_deviation(run.model, run.lines, run.covariance)
+        flat = method.options.flatness_beside
+        places = view.discrepancy.places(heights) if is_noise_left else None
+        of = calibration_of(run.model.shape, varies=run.waves is not None or run.curves is not None)
+        uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
+    result = network_result(
+        method.name,
+        view.resimulation,
+        heights,
+        reason=run.reason,
+        history=run.log.history,
+        timings=timings,
+        counters=counters,
+        settings=method.options.model_dump() | {"network": method.network.network.record},
+        warnings=warnings,
+        uncertainty=uncertainty,
+        no_uncertainty=answer.no_uncertainty,
+        found_at=found_at,
+    )
+    if left is not None and not is_explained(left) and result.trust is not None and not result.trust.is_explained:
+        told = (
+            f"{left:.1f} times the noise is left of the image where light was moved: lines are missing or wrong in "
+            "places, which the difference of the images shows"
+        )
+        result = dataclasses.replace(result, warnings=(*result.warnings, told))
+    if view is not run.told:
+        measured = as_measured(result.image.astype(np.float64), run.numbers, run.bench, run.exposure)
+        result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
+    paths = None if run.curves is None else paths_of(run.curves.lines, run.model.shape)
+    result = dataclasses.replace(result, fibres_m=fibres, paths=paths)
+    if fibres is None or not (method.options.samples and run.reason == "converged"):
+        return result
+    return with_line_samples(result, method.options.samples, view, run.lines, run.covariance)

@@ -1,0 +1,90 @@
+"""The lines with corners and curves that a relief was printed with."""
+
+import torch
+
+from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.vectorise.curved_lines import CurvedLines
+from warp_caustics.prints.vectorise.curved_set import CurvedSet
+
+BEGINNINGS_M = (3e-4, 1e-4), (1e-4,)
+"""Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin: with the first, lines
+that lie on top of each other are told apart; with the second, thin ones are not lost beside high ones. What leaves less
+is taken."""
+FLOORS_M = (3e-5,)
+"""And after that."""
+LAST_FLOOR_M = 8e-6
+"""In the last fit, when no line is added any more."""
+MOST_LINES = 40
+ROUNDS = 3
+FIRST_ITERATIONS, LATER_ITERATIONS, LAST_ITERATIONS = 30, 20, 60
+"""Of L-BFGS with all lines."""
+
+
+def curved_lines_of_relief(
+    model: LineModel,
+    relief_m: torch.Tensor,
+    spread_m: torch.Tensor,
+    *,
+    most: int = MOST_LINES,
+    start: CurvedLines | None = None,
+) -> CurvedLines:
+    """Few lines that explain a relief but for places where it is uncertain.
+
+    Args:
+        model: of straight lines, with the section and overlap of these.
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+        most: number of lines at most.
+        start: lines that are nearly right.
+    """
+    tried = []
+    for floors in BEGINNINGS_M if start is None else ((),):
+        found = CurvedSet(model, relief_m, spread_m)
+        if start is not None:
+            found.begin(start)
+        for floor in (*floors, *FLOORS_M):
+            _stage(found, floor, most)
+        found.focus(LAST_FLOOR_M)
+        found.refit(LAST_ITERATIONS)
+        tried.append((found.worth, found.lines))
+    return min(tried, key=lambda each: each[0])[1]
+
+
+def refitted_curves(
+    model: LineModel, lines: CurvedLines, relief_m: torch.Tensor, spread_m: torch.Tensor
+) -> tuple[CurvedLines, float]:
+    """Lines moved to tell a relief as well as the model's section lets them, and what they leave of it.
+
+    Args:
+        model: of straight lines, with the section and overlap of these.
+        lines: nearly right.
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+    """
+    found = CurvedSet(model, relief_m, spread_m)
+    found.begin(lines)
+    for floor in (*FLOORS_M, LAST_FLOOR_M):
+        found.focus(floor)
+        found.refit(FIRST_ITERATIONS)
+    return found.lines, found.loss
+
+
+def _stage(found: CurvedSet, floor_m: float, most: int) -> None:
+    """Lines for residuals of a size."""
+    found.focus(floor_m)
+    found.refit(FIRST_ITERATIONS)
+    for _ in range(ROUNDS):
+        has_grown = found.grow(most)
+        if has_grown:
+            found.refit(FIRST_ITERATIONS)
+        has_split = found.split(most)
+        if has_split:
+            found.refit(LATER_ITERATIONS)
+        has_pruned = found.prune()
+        if not (has_grown or has_split or has_pruned):
+            break
+    if found.rebuild(most):
+        found.refit(LATER_ITERATIONS)
+        found.prune()
+    found.link()
+    found.refit(LATER_ITERATIONS)
