@@ -19,6 +19,7 @@ from warp_caustics.io.heights import write_heights
 from warp_caustics.io.json_file import write_json
 from warp_caustics.io.printable import printable
 from warp_caustics.metrics import height_errors
+from warp_caustics.prints.design_writer import write_paths
 from warp_caustics.prints.line import Line
 from warp_caustics.prints.line_list import write_lines
 
@@ -35,14 +36,13 @@ FILES = (
 UNCERTAINTY_FILES = ("uncertainty.npy", "uncertainty.tif", "uncertainty.png")
 """What it holds besides where the method knows how uncertain its heights are; --force replaces both, nothing else."""
 
-FIBRE_FILES = ("printed_lines.csv",)
-PATH_FILES = ("printed_lines.yaml",)
-"""What it holds besides where the method found the lines that were printed."""
+FIBRE_FILES, PATH_FILES = ("printed_lines.csv",), ("printed_lines.yaml",)
+"""What it holds besides where the method found the lines that were printed: straight, or with corners and curves."""
 
 SAMPLE_FILES = ("samples.npy",)
 """What it holds besides where samples were asked for: of what the image leaves open, shape [N, n, n] [m], float32."""
 
-ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES, *SAMPLE_FILES)
+ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES, *PATH_FILES, *SAMPLE_FILES)
 RECONSTRUCTION = ResultKind("reconstruction", ALL_FILES)
 
 
@@ -263,10 +263,8 @@ def summary(output: str, result: "Reconstruction", record: Mapping[str, Any]) ->
     if result.fibres_m is not None:
         lines.append(f"lines      {len(result.fibres_m)} printed lines{made_words(record)}, in {FIBRE_FILES[0]}")
     if result.paths is not None:
-        count = len(result.paths)
-        lines.append(
-            f"lines      {count} printed lines with corners and curves{made_words(record)}, in {PATH_FILES[0]}"
-        )
+        told = f"{len(result.paths)} printed lines with corners and curves{made_words(record)}"
+        lines.append(f"lines      {told}, in {PATH_FILES[0]}")
     errors = record["errors"]
     if errors:
         lines.append(

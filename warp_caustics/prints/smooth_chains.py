@@ -6,6 +6,7 @@ Points follow from nodes by a matrix, so that a gradient by points is one by nod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import scipy  # loads its parts when they are first used
@@ -81,7 +82,7 @@ def track_weights(track: Track, step_m: float = STEP_M) -> FloatArray:
         return spline_weights(count, _points(track.length_m, step_m), is_closed=True)
     ends = [0, *track.corners, count - 1]
     rows = []
-    for first, last in zip(ends[:-1], ends[1:], strict=True):
+    for first, last in pairwise(ends):
         stretch = Track(track.nodes_m[first : last + 1])
         own = np.zeros((_points(stretch.length_m, step_m), count))
         own[:, first : last + 1] = spline_weights(last + 1 - first, len(own))

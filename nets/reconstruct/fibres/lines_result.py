@@ -1,11 +1,11 @@
 """The record of what lines, or a network's relief where these tell it no better, make of an image."""
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, bench_record, bench_warnings
 from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
@@ -35,11 +35,11 @@ class Run(ImageRun, Protocol):
     curves: CurvesOnImage | None
     bench: Bench
     numbers: BenchNumbers
-    exposure: FloatArray
+    exposure: NDArray[np.float64]
     takes_lines: bool
     is_noise_left: bool
     timings: dict[str, float]
-    counters: Mapping[str, Any]
+    counters: dict[str, Any]
 
     def relief(self) -> FloatArray:
         """Of the lines, shape [n, n] [m]."""

@@ -125,15 +125,20 @@ class Fibres(Reconstructor):
             direct = dataclasses.replace(direct, stop_reason=stop, counters=counters)
         is_free = self._is_free(run)
         asks_network = is_free and (self.options.samples or not self.takes_bench_as_told)
+        plain = None
         if not run.takes_lines and (direct or asks_network):
             plain = direct or self._by_network(run, measured, initial, progress)
-            return self._with_curves(plain, run, search, measured, answer, started, progress)
-        found = run.result()
-        if run.takes_lines and not run.is_noise_left and self.options.refine and is_free and run.reason == "converged":
-            other = direct or self._by_network(run, measured, initial, progress)
-            if other.residual < found.residual:
-                return self._with_curves(other, run, search, measured, answer, started, progress)
-        return self._finished(found, run)
+        else:
+            found = run.result()
+            may_be_other = run.takes_lines and not run.is_noise_left and self.options.refine
+            if may_be_other and is_free and run.reason == "converged":
+                other = direct or self._by_network(run, measured, initial, progress)
+                plain = other if other.residual < found.residual else None
+            if plain is None:
+                plain = self._finished(found, run)
+                if run.takes_lines:
+                    return plain
+        return self._with_curves(plain, run, search, measured, answer, started, progress)
 
     def _is_free(self, run: LinesOfImage) -> bool:
         """Whether nobody waits for the end."""
@@ -212,7 +217,7 @@ class Fibres(Reconstructor):
             progress: of the whole run.
         """
         asked = self.options.curves and self.options.refine and not self.options.samples
-        if not (asked and self._is_free(before) and plain.stop_reason == "converged"):
+        if not (asked and self._is_free(before) and plain.stop_reason not in ("interrupted", "max_time")):
             return plain
         run = self._run_after(plain, search, measured, answer, started, progress)
         if run.answer.stop_reason == "interrupted" or not run.fit_curves(plain):

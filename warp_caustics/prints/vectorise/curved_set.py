@@ -150,7 +150,7 @@ class CurvedSet:
         return len(self.lines) > before
 
     def rebuild(self, most: int) -> bool:
-        """Follow ridges anew where lines leave much, without one of them, or two on top of each other; whether it helped.
+        """Follow ridges anew where lines leave much, without one, or two on top of each other; whether it helped.
 
         A way that went astray early keeps the right ones out.
         """
@@ -192,7 +192,7 @@ class CurvedSet:
         mean = under / masks.sum(dim=1).clamp_min(1)
         bad = [k for k in range(len(self.lines)) if float(mean[k]) > DOUBTFUL and float(under[k]) > PENALTY]
         shared = (masks @ masks.T) / masks.sum(dim=1).clamp_min(1)
-        groups = [(float(under[k]), (k,)) for k in bad]
+        groups: list[tuple[float, tuple[int, ...]]] = [(float(under[k]), (k,)) for k in bad]
         for k in bad:
             groups += [
                 (float(under[k] + under[m]), (k, m))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from warp_caustics.types import FloatArray
+from warp_caustics.types import BoolArray, FloatArray, IntArray
 
 SCALES = (0.8, 1.2, 1.8, 2.7, 4.0)
 """Standard deviations of the smoothing [samples]."""
@@ -241,7 +241,7 @@ def _one_way(
     return points[:seen], False
 
 
-def _mark(is_free: FloatArray, along: FloatArray, ridge: Ridge, columns: FloatArray, rows: FloatArray) -> None:
+def _mark(is_free: BoolArray, along: FloatArray, ridge: Ridge, columns: IntArray, rows: IntArray) -> None:
     """Take samples near a ridge, whose own ridges go about the same way, out of those that are free."""
     radius = max(1.0, OWN_PART * 1.6 * ridge.scale)
     ways = np.gradient(ridge.points, axis=0)
