@@ -77,7 +77,7 @@ def test_what_descents_stay_with_is_mended(model, fit, answer, start):
 
 def test_lines_give_way_to_the_one_they_stand_for(model, fit, answer):
     start = in_pieces()
-    found = rebuilt(fit, start, *answer)
+    found = rebuilt(fit, start, *answer, is_enough=lambda lines: len(lines) < len(start))
     assert len(found.lines) < len(start) and error_um(model, found.lines) < 0.3 * error_um(model, start)
 
 
