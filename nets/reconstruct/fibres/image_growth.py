@@ -77,7 +77,7 @@ def grown(fit: ImageFit, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: 
 def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
     """Lines that may be missing, those first that explain the image best as they are."""
     total = fit.model.heights(best.lines)
-    lines = _proposals(fit.model, relief_m - total, spread_m)
+    lines = proposals(fit.model, relief_m - total, spread_m)
     if not len(lines):
         return []
     if fit.report is not None:
@@ -86,21 +86,30 @@ def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: to
     return [lines[k] for _, k in sorted((loss, k) for k, loss in enumerate(losses))[:TRIED_PROPOSALS]]
 
 
-def _proposals(model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor) -> torch.Tensor:
-    """Lines along what is unexplained, fitted to it, shape [K, 6] [m]; of several starts the best."""
+def proposals(
+    model: LineModel, rest_m: torch.Tensor, spread_m: torch.Tensor, ridges: int = PROPOSED_RIDGES
+) -> torch.Tensor:
+    """Lines along what is unexplained, fitted to it, shape [K, 6] [m]; of several starts the best.
+
+    Args:
+        model: renders lines.
+        rest_m: what is unexplained, shape [n, n] [m].
+        spread_m: how unsure it is, shape [n, n] [m].
+        ridges: highest points through which lines are proposed, in two directions each.
+    """
     sketch = model.sketched(SUPERSAMPLING)
     view = rest_m / (1 + (spread_m / UNSURE_M).square()).sqrt()
     view = torch.where(view > LOWEST_LINE_M, view, 0.0)
     sigma = (spread_m.square() + UNSURE_M**2).sqrt()
     size = model.scene.plate_size_m
-    ridges = torch.from_numpy(proposed_lines(view.double().cpu().numpy(), size, PROPOSED_RIDGES, model.shape))
-    starts = ridges.repeat(len(STARTING_WIDTHS), 1)
-    factors = torch.tensor(STARTING_WIDTHS, dtype=torch.float64).repeat_interleave(len(ridges))
+    along = torch.from_numpy(proposed_lines(view.double().cpu().numpy(), size, ridges, model.shape))
+    starts = along.repeat(len(STARTING_WIDTHS), 1)
+    factors = torch.tensor(STARTING_WIDTHS, dtype=torch.float64).repeat_interleave(len(along))
     starts[:, WIDTH] *= factors
     starts[:, HEIGHT] /= factors
     lines, losses = fit_each(sketch, model.clamped(starts), rest_m, sigma, iterations=RELIEF_FIT_ITERATIONS)
-    best = losses.reshape(len(STARTING_WIDTHS), -1).argmin(dim=0) if len(ridges) else torch.zeros(0, dtype=torch.long)
-    return lines[best * len(ridges) + torch.arange(len(ridges))]
+    best = losses.reshape(len(STARTING_WIDTHS), -1).argmin(dim=0) if len(along) else torch.zeros(0, dtype=torch.long)
+    return lines[best * len(along) + torch.arange(len(along))]
 
 
 def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:

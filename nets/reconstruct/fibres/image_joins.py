@@ -62,7 +62,7 @@ def with_joins(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None = None
 
 def _joined_once(fit: ImageFit, before: Fitted, quick: ImageFit) -> Fitted | None:
     """After the first of the ways to join pieces that the image allows; None where it allows none."""
-    ways = list(_ways(before.lines))
+    ways = list(ways_to_join(before.lines))
     if not ways:
         return None
     heights = [fit.model.heights(lines) for lines in (before.lines, *(way for way, _ in ways))]
@@ -119,7 +119,7 @@ def whole(pieces: torch.Tensor) -> torch.Tensor:
     return torch.cat([ends[int(along.argmin())], ends[int(along.argmax())], size])
 
 
-def _ways(lines: torch.Tensor) -> Iterator[tuple[torch.Tensor, tuple[float, float]]]:
+def ways_to_join(lines: torch.Tensor) -> Iterator[tuple[torch.Tensor, tuple[float, float]]]:
     """Ways to join pieces: lines [M, 6] [m], and where a gap was [m].
 
     Gap by gap, those near each other together, and all of them; each with short lines at the gaps, and without.

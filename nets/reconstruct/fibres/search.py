@@ -19,6 +19,7 @@ from nets.reconstruct.fibres.image_fit import (
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
+from nets.reconstruct.fibres.image_rebuild import rebuilt
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.section import with_caps, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
@@ -152,6 +153,13 @@ class LineSearch:
         Args:
             start: shape [L, 6] [m], float64.
         """
+        self._find(start)
+        if self.jumps and not self.is_in_vain:
+            self._rebuild()
+        return self.lines
+
+    def _find(self, start: torch.Tensor) -> None:
+        """Search by descents and jumps; places where lines are wrong may be left."""
         if self.finds_section:
             start, self.moves_section = with_section_found(self.coarse, start, moves=self.moves_section)
         if self.others is not None and len(self.others):
@@ -161,7 +169,7 @@ class LineSearch:
             coarse, _ = self._searched(self.coarse, start)
             self.is_in_vain = self.answer is not None and coarse.loss > self.coarse.loss(self.answer.relief_m)
             if self.is_in_vain:
-                return self.lines
+                return
             found = self.fine.descend(coarse.lines, self.iterations // 2, with_section=self.moves_section)
             start = found.lines
             if self.moves_section:
@@ -172,12 +180,11 @@ class LineSearch:
         for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):
             if self._is_solved():
                 self._join()
-                return self.lines
+                return
             _, has_gained = self._searched(self.fine, self.lines, rounds=1)
             if not has_gained:
                 break
         self._finish()
-        return self.lines
 
     def _is_solved(self) -> bool:
         """Whether lines leave nothing but noise, after a descent on all pixels; far from that it would be wasted."""
@@ -200,6 +207,25 @@ class LineSearch:
         self._finish()
         if not self.view.is_explained(self.lines):
             self.lines, model.shape = kept
+
+    def _rebuild(self) -> None:
+        """Build places anew where lines leave more than noise; what is better is seen at all pixels."""
+        view, answer, fit = self.view, self.answer, self.fine
+        if view is None or answer is None or not view.is_near(self.lines) or not view.is_wrong_in_places(self.lines):
+            return
+        kept, was, is_better = (self.lines, fit.model.shape), view.left(self.lines), False
+        about = answer.relief_m, answer.spread_m, self.quick
+        found = rebuilt(fit, self.lines, *about, lambda lines: not view.is_wrong_in_places(lines))
+        if found is None:
+            return
+        try:
+            self.lines = found.lines
+            self._finish()
+            now = view.left(self.lines)
+            is_better = was is not None and now is not None and now < was
+        finally:
+            if not is_better:
+                self.lines, fit.model.shape = kept
 
     def _finish(self) -> None:
         if self.last is not None:
