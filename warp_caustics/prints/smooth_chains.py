@@ -15,10 +15,11 @@ import torch
 from warp_caustics.types import FloatArray
 
 DEGREE = 3
-STEP_M = 1.5e-4
-"""Printed points lie about so far apart [m]: of a curve of radius 1 mm a chord is 3 um off."""
 NODE_M = 8e-4
 """Nodes lie about so far apart [m]: two samples of the paper's grid."""
+POINTS_OF_NODE = 5.3
+"""Printed points for each: on the paper's grid 0.15 mm apart, of a curve of radius 1 mm a chord is 3 um off."""
+STEP_M = NODE_M / POINTS_OF_NODE
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +30,13 @@ class Track:
         nodes_m: of its splines, shape [N, 2] [m].
         corners: places in ``nodes_m`` where its direction may jump, without its ends.
         is_closed: it goes on from its last node to its first.
+        step_m: about how far printed points lie apart [m].
     """
 
     nodes_m: FloatArray
     corners: tuple[int, ...] = ()
     is_closed: bool = False
+    step_m: float = STEP_M
 
     @property
     def length_m(self) -> float:
@@ -75,8 +78,9 @@ def spline_weights(nodes: int, points: int, *, is_closed: bool = False) -> Float
     return found
 
 
-def track_weights(track: Track, step_m: float = STEP_M) -> FloatArray:
+def track_weights(track: Track) -> FloatArray:
     """Weights of a track's nodes in its printed points, shape [K, N]."""
+    step_m = track.step_m
     count = len(track.nodes_m)
     if track.is_closed:
         return spline_weights(count, _points(track.length_m, step_m), is_closed=True)
@@ -113,13 +117,13 @@ def track_through(points_m: FloatArray, *, is_closed: bool = False, node_m: floa
     even = np.stack([np.interp(at, way, axis) for axis in points_m.T], axis=1)
     weights = spline_weights(count, places, is_closed=is_closed)
     if is_closed:
-        return Track(np.linalg.lstsq(weights, even, rcond=None)[0], is_closed=True)
+        return Track(np.linalg.lstsq(weights, even, rcond=None)[0], is_closed=True, step_m=node_m / POINTS_OF_NODE)
     nodes = np.empty((count, 2))
     nodes[0], nodes[-1] = even[0], even[-1]
     if count > 2:
         rest = even - weights[:, [0, -1]] @ nodes[[0, -1]]
         nodes[1:-1] = np.linalg.lstsq(weights[:, 1:-1], rest, rcond=None)[0]
-    return Track(nodes)
+    return Track(nodes, step_m=node_m / POINTS_OF_NODE)
 
 
 class TrackPoints:
@@ -127,12 +131,11 @@ class TrackPoints:
 
     Args:
         tracks: at least one; their nodes may move, as long as lengths stay about as they are.
-        step_m: distance of printed points [m].
     """
 
-    def __init__(self, tracks: Sequence[Track], step_m: float = STEP_M):
+    def __init__(self, tracks: Sequence[Track]):
         self.tracks = list(tracks)
-        self._weights = [track_weights(track, step_m) for track in tracks]
+        self._weights = [track_weights(track) for track in tracks]
         self.most = max(len(own) for own in self._weights)
         self._ends = np.cumsum([len(track.nodes_m) for track in tracks])[:-1]
 

@@ -97,7 +97,7 @@ class _Descent:
         """The shape for changes of the section's numbers."""
         moved = list(self._begun)
         for place, change in zip(self._of_shape, u, strict=True):
-            moved[place] += SHAPE_SCALE * change
+            moved[place] += SHAPE_SCALE * float(change)
         return shape_of(moved) if self._of_shape else self.fit.model.shape
 
     def __call__(self, u: FloatArray) -> tuple[float, FloatArray]:

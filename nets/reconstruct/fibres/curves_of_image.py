@@ -12,15 +12,20 @@ import torch
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.descent_numbers import reshaped_widths
+from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.starting_lines import MANY, WELL_TOLD
 from nets.reconstruct.fibres.waves import noise_of
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.errors import MismatchError
 from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.model import LineModel, Shape
-from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, refitted_curves
+from warp_caustics.prints.smooth_chains import Track
+from warp_caustics.prints.vectorise import unexplained
+from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, curved_unexplained, refitted_curves
+from warp_caustics.prints.vectorise.curved_ends import meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.pyramid import usual_pixels
@@ -37,6 +42,13 @@ IN_VAIN = 3.0
 """Times the misfit of the relief that lines were found in, from which on they are given up at few pixels."""
 BETTER = 0.9
 """Share of the discrepancy of that relief that lines must leave, at most, if they leave more than noise."""
+MEETING_SHARE = 0.2
+"""Of straight lines that end where another one begins, which is about as wide and high."""
+ENOUGH = 2.0
+"""Times what a plate of straight lines leaves."""
+CURVED_FACTOR = 0.85
+"""Share of what straight lines leave of a relief that curved ones leave where they are the plate's: 0.55 to 0.80 of
+four own plates with curves, meanders and text, 1.02 and 1.07 of two with waves along straight lines."""
 OTHER_SECTIONS = (Shape(0.5), Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.6), Shape(8.0))
 """That are tried beside the cosine."""
 OTHER_FACTOR = 0.96
@@ -130,7 +142,9 @@ class CurvesOfImage:
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
         was = self.view.discrepancy(relief.double().numpy())
         left = self.view.discrepancy(self._relief(lines))
-        if was is None or left is None or not left < BETTER * was:
+        # A relief of free heights may leave less than noise: few numbers that leave no more tell more of the plate.
+        is_better = was is not None and left is not None and left < BETTER * was
+        if not (is_explained(left) or is_better):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
 
@@ -178,6 +192,27 @@ class CurvesOfImage:
                 best, least, shape = found, left, model.shape
         model.shape, self.moves_section = shape, shape != given
         return best
+
+
+def are_rather_curved(model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: torch.Tensor) -> bool:
+    """Whether lines with corners and curves tell a relief clearly better than straight ones do, nodes counted.
+
+    Straight lines are looked for on an image for a minute and more on a CPU, in vain where they are none. Asked where
+    some of few lines end where others begin, which a crowd does by chance, or much is left.
+
+    Args:
+        model: of straight lines.
+        lines: straight ones, shape [L, 6] [m].
+        relief_m: that both tell, shape [n, n] [m].
+        spread_m: how far it may be wrong, shape [n, n] [m].
+    """
+    straight = unexplained(model, lines, relief_m, spread_m)
+    rows = lines.double().numpy()
+    meet = len(meetings(CurvedLines([Track(row[:4].reshape(2, 2)) for row in rows], rows[:, 4:])))
+    if len(lines) > MANY or (meet < MEETING_SHARE * len(lines) and straight < ENOUGH * WELL_TOLD * relief_m.numel()):
+        return False
+    curved = curved_lines_of_relief(model, relief_m, spread_m)
+    return curved_unexplained(model, curved, relief_m, spread_m) < CURVED_FACTOR * straight
 
 
 def network_on(method: FibresOf, view: LinesView, is_told: bool) -> Direct | None:

@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
-from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, CurvesOnImage, network_on
+from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, CurvesOnImage, are_rather_curved, network_on
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines
@@ -223,9 +223,18 @@ class LinesOfImage:
         if options.left_alone is not None and len(start) >= options.left_alone:
             self.model.shape = told
             return
+        if self._may_be_curved() and are_rather_curved(self.model, start, heights, spread):
+            self.is_in_vain = True
+            self.model.shape = told
+            return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
         self.search(start, options.jumps, answer, is_first=True)
+
+    def _may_be_curved(self) -> bool:
+        """Whether corners and curves are asked for before straight lines: these take a GPU no time."""
+        options = self.method.options
+        return options.looks_for_curves and options.max_time_s is None and self.method.device.type == "cpu"
 
     def search(
         self,

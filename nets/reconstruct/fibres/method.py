@@ -216,8 +216,11 @@ class Fibres(Reconstructor):
             started: when the method did.
             progress: of the whole run.
         """
-        asked = self.options.curves and self.options.refine and not self.options.samples
-        if not (asked and self._is_free(before) and plain.stop_reason not in ("interrupted", "max_time")):
+        if not (
+            self.options.looks_for_curves
+            and self._is_free(before)
+            and plain.stop_reason not in ("interrupted", "max_time")
+        ):
             return plain
         run = self._run_after(plain, search, measured, answer, started, progress)
         if run.answer.stop_reason == "interrupted" or not run.fit_curves(plain):

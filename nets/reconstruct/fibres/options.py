@@ -38,6 +38,11 @@ class FibresOptions(DirectOptions):
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
     """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""
 
+    @property
+    def looks_for_curves(self) -> bool:
+        """Whether lines with corners and curves may be looked for."""
+        return self.curves and self.refine and not self.samples
+
     def looks_on(self, device_type: str) -> int:
         """``looks``, or how many there are on a device."""
         return DEFAULT_LOOKS[device_type] if self.looks is None else self.looks

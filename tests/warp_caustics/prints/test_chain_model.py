@@ -57,7 +57,7 @@ def test_any_number_of_points(count):
     points = torch.from_numpy(np.linspace([-8e-3, 1e-3], [9e-3, 5e-3], count)[None])
     sizes, chains = torch.tensor([[2e-3, 5e-4]]).double(), chains_of(Shape())
     parts = chains.parts(points, sizes)
-    assert float(parts.amax()) == pytest.approx(5e-4, rel=0.1)
+    assert float(parts.amax()) == pytest.approx(5e-4, rel=0.3)
     weight = torch.from_numpy(np.mgrid[0:64, 0:64][1].astype(np.float32))
     by_point, _ = chains.gradient(points, sizes, parts, weight)
     assert by_point.shape == points.shape

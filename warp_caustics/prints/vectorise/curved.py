@@ -2,9 +2,11 @@
 
 import torch
 
+from warp_caustics.prints.fit import loss_of
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.prints.vectorise.curved_set import CurvedSet
+from warp_caustics.prints.vectorise.lines import FLOORS_M as FLOORS_OF_LINES_M
 
 BEGINNINGS_M = (3e-4, 1e-4), (1e-4,)
 """Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin: with the first, lines
@@ -15,6 +17,8 @@ FLOORS_M = (3e-5,)
 LAST_FLOOR_M = 8e-6
 """In the last fit, when no line is added any more."""
 MOST_LINES = 40
+NODE_LOSS = 2.0
+"""Of a node, where these lines are compared with straight ones, each of which counts 20 for six numbers."""
 ROUNDS = 3
 FIRST_ITERATIONS, LATER_ITERATIONS, LAST_ITERATIONS = 30, 20, 60
 """Of L-BFGS with all lines."""
@@ -67,6 +71,22 @@ def refitted_curves(
         found.focus(floor)
         found.refit(FIRST_ITERATIONS)
     return found.lines, found.loss
+
+
+def curved_unexplained(model: LineModel, lines: CurvedLines, relief_m: torch.Tensor, spread_m: torch.Tensor) -> float:
+    """What lines leave of a relief, with a penalty for each node: compares with what straight ones leave.
+
+    Args:
+        model: of straight lines, with the section and overlap of these.
+        lines: any number.
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+    """
+    found = CurvedSet(model, relief_m, spread_m)
+    found.begin(lines)
+    sigma = (found.spread.square() + FLOORS_OF_LINES_M[-1] ** 2).sqrt()
+    nodes = sum(len(track.nodes_m) for track in lines.tracks)
+    return loss_of(found.relief - model.joined(found.parts), sigma) + NODE_LOSS * nodes
 
 
 def _stage(found: CurvedSet, floor_m: float, most: int) -> None:

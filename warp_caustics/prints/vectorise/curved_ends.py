@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_caustics.prints.smooth_chains import NODE_M, Track, track_through, track_weights
+from warp_caustics.prints.smooth_chains import POINTS_OF_NODE, Track, track_through, track_weights
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.types import FloatArray
 
@@ -70,16 +70,16 @@ def halves(track: Track) -> list[list[Track]]:
         return []
     for part in (0.25, 0.5, 0.75):
         k = min(max(round(part * (count - 1)), FEWEST_NODES - 1), count - FEWEST_NODES)
-        first = Track(track.nodes_m[: k + 1].copy(), tuple(c for c in track.corners if c < k))
-        second = Track(track.nodes_m[k:].copy(), tuple(c - k for c in track.corners if c > k))
+        first = Track(track.nodes_m[: k + 1].copy(), tuple(c for c in track.corners if c < k), step_m=track.step_m)
+        second = Track(track.nodes_m[k:].copy(), tuple(c - k for c in track.corners if c > k), step_m=track.step_m)
         found.append([first, second])
     return found
 
 
 def closed(track: Track) -> Track:
     """A line that meets itself, smooth all the way."""
-    weights = track_weights(track, NODE_M / 4)
-    return track_through((weights @ track.nodes_m)[:-1], is_closed=True)
+    weights = track_weights(track)
+    return track_through((weights @ track.nodes_m)[:-1], is_closed=True, node_m=POINTS_OF_NODE * track.step_m)
 
 
 def joined_tracks(one: Track, of_one: int, other: Track, of_other: int) -> tuple[Track, ...]:
@@ -93,7 +93,7 @@ def joined_tracks(one: Track, of_one: int, other: Track, of_other: int) -> tuple
     place = len(first.nodes_m) - 1
     corners = (*first.corners, place, *(place + k for k in second.corners))
     smooth = (*first.corners, *(place + k for k in second.corners))
-    return Track(nodes, corners), Track(nodes, smooth)
+    return Track(nodes, corners, step_m=one.step_m), Track(nodes, smooth, step_m=one.step_m)
 
 
 def corner_of(first: Track, second: Track) -> FloatArray | None:
@@ -115,4 +115,4 @@ def corner_of(first: Track, second: Track) -> FloatArray | None:
 def reverse(track: Track) -> Track:
     """The same way backwards."""
     last = len(track.nodes_m) - 1
-    return Track(track.nodes_m[::-1].copy(), tuple(last - k for k in track.corners[::-1]))
+    return Track(track.nodes_m[::-1].copy(), tuple(last - k for k in track.corners[::-1]), step_m=track.step_m)

@@ -19,6 +19,8 @@ WIDTHS_M = 2e-4, 4e-3
 """Of a line that a ridge tells."""
 PROFILE_SAMPLES, PROFILE_STEP = 14.0, 0.25
 """How far across a ridge is looked, and in which steps [samples]."""
+NODE_SAMPLES = 2.05
+"""Distance of nodes [samples]."""
 LOW_OF_RIDGE = 0.35
 """Quantile of the heights along a ridge that is taken for the line's own: others lie on top in places."""
 NARROW_OF_RIDGE = 0.4
@@ -82,5 +84,5 @@ def line_of_ridge(
     own = crown <= 1.25 * height
     width = 2 * float(np.quantile(half[own] if own.any() else half, NARROW_OF_RIDGE)) * pitch * wider
     metres = (points + 0.5) * np.array(pitch_m) - np.array(plate_m) / 2
-    track = track_through(metres, is_closed=ridge.is_closed)
+    track = track_through(metres, is_closed=ridge.is_closed, node_m=NODE_SAMPLES * pitch)
     return CurvedLines([track], np.array([[np.clip(width, *WIDTHS_M), max(height, LEAST_M)]]))
