@@ -103,7 +103,7 @@ class LinesOfImage:
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None
         """Instead of straight lines."""
-        self.moves_section = False
+        self.moves_section = self.is_left_alone = False
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
 
@@ -221,7 +221,7 @@ class LinesOfImage:
         start = starting_lines(self.model, heights, spread, most, finds_section=self.method.finds_section)
         self.counters["lines_of_relief"] = len(start)
         if options.left_alone is not None and len(start) >= options.left_alone:
-            self.model.shape = told
+            self.model.shape, self.is_left_alone = told, True
             return
         if self._may_be_curved() and are_rather_curved(self.model, start, heights, spread):
             self.is_in_vain = True

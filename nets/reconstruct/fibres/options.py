@@ -36,7 +36,8 @@ class FibresOptions(DirectOptions):
     ``samples`` are asked for, which are those of the network then."""
     most_lines: Annotated[int, Field(ge=1, le=500)] = 60
     left_alone: Annotated[int, Field(ge=2, le=501)] | None = None
-    """Lines from which on they are not searched for on the image, which then is left to ``direct``; None: never."""
+    """Lines from which on they are not searched for on the image, which then is left to ``direct``, corners and
+    curves and all; None: never."""
 
     @property
     def looks_for_curves(self) -> bool:

@@ -112,10 +112,10 @@ def test_what_varies_is_told_of_the_knots_that_there_are(model):
 
 def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     """The more numbers a section has, the less is known: waves most of all."""
-    plain = calibration_of(Shape(), varies=False)
-    assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), varies=False) == FOUND_LINES
-    thick, bell = (calibration_of(s, varies=False) for s in (Shape(thicker=0.2), Shape(16.0)))
-    wavy = calibration_of(Shape(thicker=0.2), varies=True)
+    plain = calibration_of(Shape(), has_waves=False)
+    assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == FOUND_LINES
+    thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0)))
+    wavy = calibration_of(Shape(thicker=0.2), has_waves=True)
     assert plain.scale_m < thick.scale_m == bell.scale_m < wavy.scale_m
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, thick, wavy)]
