@@ -216,11 +216,8 @@ class Fibres(Reconstructor):
             started: when the method did.
             progress: of the whole run.
         """
-        if not (
-            self.options.looks_for_curves
-            and self._is_free(before)
-            and plain.stop_reason not in ("interrupted", "max_time")
-        ):
+        is_over = before.is_left_alone or plain.stop_reason in ("interrupted", "max_time")
+        if is_over or not (self.options.looks_for_curves and self._is_free(before)):
             return plain
         run = self._run_after(plain, search, measured, answer, started, progress)
         if run.answer.stop_reason == "interrupted" or not run.fit_curves(plain):

@@ -115,6 +115,7 @@ def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     plain = calibration_of(Shape(), has_waves=False)
     assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == FOUND_LINES
     thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0)))
+    assert thick == calibration_of(Shape(), has_waves=False, has_curves=True)
     wavy = calibration_of(Shape(thicker=0.2), has_waves=True)
     assert plain.scale_m < thick.scale_m == bell.scale_m < wavy.scale_m
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
