@@ -50,8 +50,8 @@ each. Errors have longer tails than a normal distribution: what covers two third
 The covariance of the lines, scaled alike, fits single plates no better (docs/trust.md)."""
 SHAPED_LINES = DesignCalibration(scale_m=0.7e-6, power=0.5, floor_m=0.1e-6)
 """The same of lines with thicker ends, or with tails: on eight own plates 41 to 82 % of the points with relief lie
-within one sigma of the scale above, and 66 to 96 % within two. Of lines with corners and curves, too, whose errors on four
-own plates are a fifth to a half of what twice that states."""
+within one sigma of the scale above, and 66 to 96 % within two. Of lines with corners and curves, too, whose errors on
+four own plates are a fifth to a half of what twice that states."""
 WAVY_LINES = DesignCalibration(scale_m=1.4e-6, power=0.5, floor_m=0.1e-6)
 """And with waves along them: on four own plates 68 to 84 % of the points with relief lie within one, 89 to 98 % within
 two."""
