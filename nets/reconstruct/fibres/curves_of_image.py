@@ -213,12 +213,26 @@ def are_rather_curved(model: LineModel, lines: torch.Tensor, relief_m: torch.Ten
         spread_m: how far it may be wrong, shape [n, n] [m].
     """
     straight = unexplained(model, lines, relief_m, spread_m)
-    rows = lines.double().numpy()
-    meet = len(meetings(CurvedLines([Track(row[:4].reshape(2, 2)) for row in rows], rows[:, 4:])))
-    if len(lines) > MANY or (meet < MEETING_SHARE * len(lines) and straight < ENOUGH * WELL_TOLD * relief_m.numel()):
+    is_asked = share_that_meet(lines) >= MEETING_SHARE or straight >= ENOUGH * WELL_TOLD * relief_m.numel()
+    if len(lines) > MANY or not is_asked:
         return False
     curved = curved_lines_of_relief(model, relief_m, spread_m)
     return curved_unexplained(model, curved, relief_m, spread_m) < CURVED_FACTOR * straight
+
+
+def are_crowd(lines: torch.Tensor) -> bool:
+    """Whether straight lines of a relief, shape [L, 6] [m], are many that end where no other begins.
+
+    In a crowd ridges are followed for minutes, in vain; rings, told by two dozen straight lines, are none.
+    """
+    return len(lines) > MANY and share_that_meet(lines) < MEETING_SHARE
+
+
+def share_that_meet(lines: torch.Tensor) -> float:
+    """How many pairs of straight lines, shape [L, 6] [m], end in one place and are about as wide and high, of L."""
+    rows = lines.double().numpy()
+    tracks = [Track(row[:4].reshape(2, 2)) for row in rows]
+    return len(meetings(CurvedLines(tracks, rows[:, 4:]))) / max(len(rows), 1)
 
 
 def network_on(method: FibresOf, view: LinesView, is_told: bool) -> Direct | None:

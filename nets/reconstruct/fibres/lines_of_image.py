@@ -14,7 +14,13 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
-from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, CurvesOnImage, are_rather_curved, network_on
+from nets.reconstruct.fibres.curves_of_image import (
+    CurvesOfImage,
+    CurvesOnImage,
+    are_crowd,
+    are_rather_curved,
+    network_on,
+)
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines
@@ -103,7 +109,9 @@ class LinesOfImage:
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None
         """Instead of straight lines."""
-        self.moves_section = self.is_left_alone = False
+        self.moves_section = False
+        self.is_left_alone = False
+        """Whether there are so many lines that corners and curves are not asked for."""
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
 
@@ -223,6 +231,7 @@ class LinesOfImage:
         if options.left_alone is not None and len(start) >= options.left_alone:
             self.model.shape, self.is_left_alone = told, True
             return
+        self.is_left_alone = are_crowd(start)
         if self._may_be_curved() and are_rather_curved(self.model, start, heights, spread):
             self.is_in_vain = True
             self.model.shape = told

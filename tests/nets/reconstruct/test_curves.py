@@ -8,7 +8,7 @@ import torch
 
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.fibres.curves_fit import _Descent, curved_heights, fitted_to_image
-from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, are_rather_curved
+from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, are_crowd, are_rather_curved
 from nets.reconstruct.fibres.curves_paths import paths_of, section_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -161,6 +161,17 @@ def test_straight_lines_are_not_rather_curved(model, heights):
     sure = torch.full((N, N), 1e-6)
     assert not are_rather_curved(model, LINES, model.heights(LINES), sure)
     assert are_rather_curved(model, LINES[:0], heights, sure)
+
+
+def test_a_crowd_ends_where_nothing_begins():
+    """Two dozen straight lines at random, and as many along a ring."""
+    rng = np.random.default_rng(0)
+    size = torch.tensor([[1e-3, 3e-4]]).double().expand(24, 2)
+    crowd = torch.cat([torch.from_numpy(rng.uniform(-0.02, 0.02, (24, 4))), size], dim=1)
+    turns = np.linspace(0, 2 * np.pi, 25)
+    ring = torch.from_numpy(0.015 * np.stack([np.cos(turns), np.sin(turns)], axis=1))
+    along = torch.cat([ring[:-1], ring[1:], size], dim=1)
+    assert are_crowd(crowd) and not are_crowd(along) and not are_crowd(crowd[:10])
 
 
 def test_paths_print_the_relief(truth, heights):
