@@ -196,7 +196,8 @@ class LinesOfImage:
         before = sum(self.timings.values())
         try:
             self.curves = CurvesOfImage(self.method, self.view, self.model, self.note, network)(found)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
+            self.reason = why_stopped(stop)
             return False
         self.timings["curves"] = self.log.elapsed_s - before
         if self.curves is None:

@@ -220,8 +220,10 @@ class Fibres(Reconstructor):
         if is_over or not (self.options.looks_for_curves and self._is_free(before)):
             return plain
         run = self._run_after(plain, search, measured, answer, started, progress)
-        if run.answer.stop_reason == "interrupted" or not run.fit_curves(plain):
-            return plain
+        if run.answer.stop_reason == "interrupted":
+            return dataclasses.replace(plain, stop_reason="interrupted")
+        if not run.fit_curves(plain):
+            return plain if run.reason == "converged" else dataclasses.replace(plain, stop_reason=run.reason)
         return self._finished(run.result(), run)
 
     def _by_network(

@@ -141,6 +141,13 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
     assert len(found.paths) == found.counters["fibres"] == found.counters["curves"]["lines"]
     assert error_um(torch.from_numpy(found.heights_m), heights) < 2.0
     assert {"curves", "without lines"} <= set(found.timings_s)
+
+    def interrupt(progress):
+        if progress.stage == "fibres":
+            raise KeyboardInterrupt
+
+    stopped = create("fibres", SCENE, **about).reconstruct(image, progress=interrupt)
+    assert stopped.stop_reason == "interrupted" and stopped.paths is None
     plain = create("fibres", SCENE, curves=False, **about).reconstruct(image)
     assert plain.paths is None and "curves" not in plain.counters
 

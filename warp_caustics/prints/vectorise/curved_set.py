@@ -79,18 +79,13 @@ class CurvedSet:
     def _loss(self, heights: torch.Tensor) -> float:
         return float(((heights - self.relief) / self.sigma).square().log1p().sum(dtype=torch.float64)) / 2
 
-    def rest(self) -> FloatArray:
-        """What is not explained, shape [n, n] [m]."""
-        rest: FloatArray = (self.relief - self.model.joined(self.parts)).double().cpu().numpy()
-        return rest
-
     def refit(self, iterations: int) -> None:
         """Let all lines move."""
         if len(self.lines):
-            self._take(self._moved(self.lines, None, iterations)[0])
+            self.begin(self._moved(self.lines, None, iterations))
 
-    def _moved(self, lines: CurvedLines, others_m: torch.Tensor | None, iterations: int) -> tuple[CurvedLines, float]:
-        """Lines fitted to the relief with others [m], shape [n, n], that stay; and the loss."""
+    def _moved(self, lines: CurvedLines, others_m: torch.Tensor | None, iterations: int) -> CurvedLines:
+        """Lines fitted to the relief with others [m], shape [n, n], that stay."""
         points = TrackPoints(lines.tracks)
         begun, count = points.nodes_m, 2 * len(points.nodes_m)
         scales = np.tile([WIDTH_SCALE_M, HEIGHT_SCALE_M], (len(lines), 1))
@@ -127,13 +122,10 @@ class CurvedSet:
         start = np.zeros(count + 2 * len(lines))
         found = scipy.optimize.minimize(objective, start, jac=True, method="L-BFGS-B", bounds=ends, options=settings)
         nodes, sizes = numbers(found.x)
-        return CurvedLines(points.tracks_at(nodes), sizes), float(found.fun)
+        return CurvedLines(points.tracks_at(nodes), sizes)
 
     def begin(self, lines: CurvedLines) -> None:
-        """With some lines."""
-        self._take(lines)
-
-    def _take(self, lines: CurvedLines) -> None:
+        """Have these lines, and no others."""
         self.lines, self.parts = lines, self._parts(lines)
         self.loss = self._loss(self.chains.model.joined(self.parts))
 
@@ -155,13 +147,15 @@ class CurvedSet:
         A way that went astray early keeps the right ones out.
         """
         helped = False
-        for group in self._doubtful():
-            if max(group) >= len(self.lines):
+        # Lines change their numbers when others are built anew; their ways stay.
+        for gone in [[self.lines.tracks[k] for k in group] for group in self._doubtful()]:
+            group = [k for k, track in enumerate(self.lines.tracks) if any(track is each for each in gone)]
+            if len(group) < len(gone):
                 continue
             rest = [k for k in range(len(self.lines)) if k not in group]
             parts = self.parts[rest]
             bare = State(self.lines.kept(rest), parts, self._loss(self.chains.model.joined(parts)))
-            where = (self.parts[list(group)] > OF_CROWN * self.parts[list(group)].amax()).any(dim=0).cpu().numpy()
+            where = (self.parts[group] > OF_CROWN * self.parts[group].amax()).any(dim=0).cpu().numpy()
             found = self._grown(bare, min(most, len(rest) + len(group) + 1), where)
             if _worth(found) < _worth(self.state) - 1:
                 self._keep(found)
@@ -253,7 +247,7 @@ class CurvedSet:
     def _fitted(self, candidate: "Candidate", others: torch.Tensor) -> "Candidate":
         """A line fitted beside others."""
         iterations = AGAIN_ITERATIONS if candidate.is_fitted else FITTED_ITERATIONS
-        line, _ = self._moved(candidate.line, others, iterations)
+        line = self._moved(candidate.line, others, iterations)
         return Candidate(line, self._parts(line), candidate.key, is_fitted=True)
 
     def _saved(self, candidate: "Candidate", before: float, others: torch.Tensor) -> float:
@@ -274,7 +268,7 @@ class CurvedSet:
             others, size = self.chains.model.joined(self.parts[rest]), self.lines.sizes[[k, k]]
             before, best = self.loss + penalty_of(self.lines.tracks[k]) - 1, None
             for pieces in halves(self.lines.tracks[k]):
-                fitted, _ = self._moved(CurvedLines(pieces, size), others, FITTED_ITERATIONS)
+                fitted = self._moved(CurvedLines(pieces, size), others, FITTED_ITERATIONS)
                 parts = self._parts(fitted)
                 loss = self._loss(self.chains.model.joined(torch.cat([self.parts[rest], parts])))
                 worth = loss + sum(penalty_of(piece) for piece in pieces)
@@ -326,7 +320,7 @@ class CurvedSet:
             best, least = None, self.loss + penalty
             for track in pair.tracks:
                 joined = CurvedLines([track], pair.size[None])
-                fitted, _ = self._moved(joined, others, FITTED_ITERATIONS)
+                fitted = self._moved(joined, others, FITTED_ITERATIONS)
                 part = self._parts(fitted)
                 loss = self._loss(self.chains.model.over(part[0], others))
                 if loss + penalty_of(track) < least:
