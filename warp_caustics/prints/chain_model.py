@@ -1,7 +1,9 @@
 """Reliefs of lines along chains of points, and the gradient of what is asked of a relief by points and sizes."""
 
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 
@@ -11,6 +13,27 @@ from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.chain_kernels import BLOCK, TILE, ChainSection, chain_heights, chain_heights_adjoint
 from warp_caustics.prints.model import LineModel, section_edge
 from warp_caustics.prints.overlap import share
+from warp_caustics.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedChains:
+    """Chains where a model can print them.
+
+    Attributes:
+        points: filled up to whole blocks [m], shape [L, K', 2], float32, on the model's device.
+        boxes: around each block (x_low, y_low, x_high, y_high) [m], shape [L, blocks, 4].
+        sizes: widths and heights [m], shape [L, 2].
+        count: points of each that were told, K.
+    """
+
+    points: torch.Tensor
+    boxes: torch.Tensor
+    sizes: torch.Tensor
+    count: int
+
+    def __len__(self) -> int:
+        return len(self.points)
 
 
 class ChainModel:
@@ -25,68 +48,83 @@ class ChainModel:
         self.model = model
         self._device = torch.device("cpu") if is_deterministic() else model.device
 
-    def parts(self, points: torch.Tensor, sizes: torch.Tensor) -> torch.Tensor:
-        """Each line alone [m], shape [L, n, n], float32.
+    def placed(self, points: FloatArray, sizes: FloatArray) -> PlacedChains:
+        """Chains as they are printed: told once for their relief and its gradient.
 
         Args:
             points: of chains [m], shape [L, K, 2]; those with fewer repeat their last.
             sizes: widths and heights [m], shape [L, 2].
         """
+        lines, count = points.shape[:2]
+        blocks = max(-(-(count - 1) // BLOCK), 1)
+        filled = np.empty((lines, BLOCK * blocks + 1, 2), np.float32)
+        filled[:, :count], filled[:, count:] = points, points[:, -1:]
+        # A piece ends in the point where the next block begins.
+        inner = filled[:, :-1].reshape(lines, blocks, BLOCK, 2)
+        after = filled[:, BLOCK::BLOCK]
+        low, high = np.minimum(inner.min(axis=2), after), np.maximum(inner.max(axis=2), after)
+        # Blocks of nothing but the last point again are out of reach: the one before has that point.
+        empty = (low == high).all(axis=-1)
+        empty[:, 0] = False
+        low[empty], high[empty] = np.inf, -np.inf
+        boxes, told = np.concatenate([low, high], axis=-1), np.asarray(sizes, np.float32)
+        # One way to the device for all.
+        flat = torch.from_numpy(np.concatenate([filled.ravel(), boxes.ravel(), told.ravel()])).to(self._device)
+        of_points, of_boxes, of_sizes = flat.split([filled.size, boxes.size, told.size])
+        return PlacedChains(of_points.view(filled.shape), of_boxes.view(boxes.shape), of_sizes.view(-1, 2), count)
+
+    def parts(self, chains: PlacedChains) -> torch.Tensor:
+        """Each line alone [m], shape [L, n, n], float32."""
         n = self.model.n
-        heights = torch.empty(len(points), n, n, device=self._device)
-        if len(points):
-            told, keep = self._told(points, sizes)
-            self._launch(chain_heights, len(points), told, [warp_array(heights)])
-            del keep
+        heights = torch.empty(len(chains), n, n, device=self._device)
+        if len(chains):
+            self._launch(chain_heights, chains, [], [warp_array(heights)])
         return heights.to(self.model.device)
 
-    def heights(self, points: torch.Tensor, sizes: torch.Tensor) -> torch.Tensor:
+    def heights(self, points: FloatArray, sizes: FloatArray) -> torch.Tensor:
         """Relief of all together [m], shape [n, n], float32."""
-        return self.model.joined(self.parts(points, sizes))
+        return self.model.joined(self.parts(self.placed(points, sizes)))
 
     def gradient(
-        self, points: torch.Tensor, sizes: torch.Tensor, parts: torch.Tensor, by_height: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Of a function of the relief, by points, shape [L, K, 2], and sizes, shape [L, 2]; float64, on the CPU.
+        self, chains: PlacedChains, parts: torch.Tensor, by_height: torch.Tensor
+    ) -> tuple[FloatArray, FloatArray]:
+        """Of a function of the relief of all together, by points, shape [L, K, 2], and sizes, shape [L, 2].
 
         Args:
-            points: shape [L, K, 2] [m].
-            sizes: shape [L, 2] [m].
+            chains: lines.
             parts: of these lines.
             by_height: the function's gradient by the relief [1/m], shape [n, n].
         """
         of_each = by_height.expand_as(parts)
         if self.model.shape.overlap != 1:
             of_each = of_each * share(parts, self.model.joined(parts), self.model.shape.overlap)
-        told, keep = self._told(points, sizes)
-        of_each = of_each.to(self._device).contiguous()
-        by_point = torch.zeros(keep[0].shape, device=self._device)
-        by_size = torch.zeros(len(sizes), 2, device=self._device)
-        outputs = [warp_array(by_point), warp_array(by_size)]
-        self._launch(chain_heights_adjoint, len(points), [*told, warp_array(of_each)], outputs)
-        # What was filled up repeats the last point.
-        count = points.shape[1]
-        summed = by_point[:, :count].double().cpu()
-        summed[:, -1] += by_point[:, count:].double().sum(1).cpu()
-        return summed, by_size.double().cpu()
+        return self.gradient_of_each(chains, of_each)
 
-    def _told(self, points: torch.Tensor, sizes: torch.Tensor) -> tuple[list[Any], list[torch.Tensor]]:
-        """What both kernels are told, and what of it must not go before they have run."""
-        model, shape = self.model, self.model.shape
+    def gradient_of_each(self, chains: PlacedChains, by_height: torch.Tensor) -> tuple[FloatArray, FloatArray]:
+        """Of functions of the relief of each alone, by points, shape [L, K, 2], and sizes, shape [L, 2]; float64.
+
+        Args:
+            chains: lines.
+            by_height: gradients by the reliefs [1/m], shape [L, n, n].
+        """
+        of_each, points = by_height.to(self._device).contiguous(), chains.points
+        summed = torch.zeros(points.numel() + 2 * len(chains), device=self._device)
+        by_point, by_size = summed[: points.numel()].view(points.shape), summed[points.numel() :].view(-1, 2)
+        self._launch(chain_heights_adjoint, chains, [warp_array(of_each)], [warp_array(by_point), warp_array(by_size)])
+        # One way back for both. What was filled up repeats the last point.
+        found = summed.cpu().numpy().astype(np.float64)
+        of_points, of_sizes = found[: points.numel()].reshape(points.shape), found[points.numel() :].reshape(-1, 2)
+        told = of_points[:, : chains.count].copy()
+        told[:, -1] += of_points[:, chains.count :].sum(axis=1)
+        return told, of_sizes
+
+    def _launch(self, kernel: wp.Kernel, chains: PlacedChains, inputs: list[Any], outputs: list[Any]) -> None:
+        device, model, shape = self._device, self.model, self.model.shape
         section: Any = ChainSection()
         section.exponent, section.parabola, section.edge = shape.exponent, shape.parabola, section_edge(shape)
         section.is_cap = shape.is_cap
-        count = points.shape[1]
-        missing = (1 - count) % BLOCK if count > 1 else BLOCK
-        filled = torch.cat([points, points[:, -1:].expand(-1, missing, -1)], dim=1)
-        blocks = filled.unfold(1, BLOCK + 1, BLOCK)  # a piece ends in the point where the next block begins
-        boxes = torch.cat([blocks.amin(-1), blocks.amax(-1)], dim=-1)
-        kept = [values.to(self._device, torch.float32).contiguous() for values in (filled, boxes, sizes)]
-        told = [*map(warp_array, kept), section, wp.vec2(*model.scene.sample_pitch_m)]
-        return [*told, model.n, model.supersampling], kept
-
-    def _launch(self, kernel: wp.Kernel, lines: int, inputs: list[Any], outputs: list[Any]) -> None:
-        device, n = self._device, self.model.n
+        told = [*map(warp_array, (chains.points, chains.boxes, chains.sizes)), section]
+        told += [wp.vec2(*model.scene.sample_pitch_m), model.n, model.supersampling]
         with warp_stream(device):
-            dim = lines, n, -(-n // TILE)
-            wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=wp.device_from_torch(device))
+            dim = len(chains), model.n, -(-model.n // TILE)
+            wp.launch(kernel, dim=dim, inputs=told + inputs, outputs=outputs, device=wp.device_from_torch(device))

@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import numpy as np
 import scipy  # loads its parts when they are first used
-import torch
 
 from warp_caustics.types import FloatArray
 
@@ -144,18 +143,18 @@ class TrackPoints:
         """Of all tracks, one after the other, shape [N, 2] [m]."""
         return np.concatenate([track.nodes_m for track in self.tracks])
 
-    def of(self, nodes_m: FloatArray) -> torch.Tensor:
-        """Points [m], shape [L, K, 2], for nodes of all tracks, shape [N, 2]; float64. The last is repeated."""
+    def of(self, nodes_m: FloatArray) -> FloatArray:
+        """Points [m], shape [L, K, 2], for nodes of all tracks, shape [N, 2]. The last is repeated."""
         points = np.empty((len(self.tracks), self.most, 2))
         for own, weights, nodes in zip(points, self._weights, self._split(nodes_m), strict=True):
             own[: len(weights)] = weights @ nodes
             own[len(weights) :] = own[len(weights) - 1]
-        return torch.from_numpy(points)
+        return points
 
-    def back(self, by_point: torch.Tensor) -> FloatArray:
+    def back(self, by_point: FloatArray) -> FloatArray:
         """Gradient by nodes, shape [N, 2], from that by points, shape [L, K, 2]."""
         found = []
-        for own, weights in zip(by_point.numpy(), self._weights, strict=True):
+        for own, weights in zip(by_point, self._weights, strict=True):
             used = own[: len(weights)].copy()
             used[-1] += own[len(weights) :].sum(axis=0)
             found.append(weights.T @ used)

@@ -25,7 +25,7 @@ CONVERGED = 1e-5
 def curved_heights(model: ChainModel, lines: CurvedLines) -> torch.Tensor:
     """Relief of lines [m], shape [n, n], float32."""
     points = TrackPoints(lines.tracks)
-    return model.heights(points.of(points.nodes_m), torch.from_numpy(lines.sizes))
+    return model.heights(points.of(points.nodes_m), lines.sizes)
 
 
 def fitted_to_image(
@@ -108,10 +108,11 @@ class _Descent:
         # Lines keep their width at half their height when the section moves.
         sizes = told * [half_height(self._begun_shape) / half_height(shape), 1.0] if self._of_shape else told
         at = self.points.of(nodes)
-        parts = self.chains.parts(at, torch.from_numpy(sizes))
+        chains = self.chains.placed(at, sizes)
+        parts = self.chains.parts(chains)
         loss, by_height, _ = self.fit.with_gradient(model.joined(parts))
-        by_point, by_size = self.chains.gradient(at, torch.from_numpy(sizes), parts, by_height)
-        of_sizes = by_size.numpy() * (sizes / told) * self._scales
+        by_point, by_size = self.chains.gradient(chains, parts, by_height)
+        of_sizes = by_size * (sizes / told) * self._scales
         by_shape = self._by_shape(at, sizes, shape, by_height)
         held = NODE_SCALE_M / HELD_M * u[: nodes.size]
         by_node = LOSS_SCALE * NODE_SCALE_M * self.points.back(by_point).ravel()
@@ -128,7 +129,7 @@ class _Descent:
     def _begun_shape(self) -> Shape:
         return shape_of(self._begun)
 
-    def _by_shape(self, at: torch.Tensor, sizes: FloatArray, shape: Shape, by_height: torch.Tensor) -> FloatArray:
+    def _by_shape(self, at: FloatArray, sizes: FloatArray, shape: Shape, by_height: torch.Tensor) -> FloatArray:
         """Gradient by the section's numbers, by differences of reliefs whose lines are as wide at half their height."""
         model, found = self.fit.model, []
         try:
@@ -140,7 +141,7 @@ class _Descent:
                     model.shape = shape_of(moved)
                     reached.append(numbers_of(model.shape)[place])
                     wider = half_height(shape) / half_height(model.shape)
-                    heights.append(self.chains.heights(at, torch.from_numpy(sizes * [wider, 1.0])))
+                    heights.append(self.chains.heights(at, sizes * [wider, 1.0]))
                 slope = float((by_height * (heights[1] - heights[0])).sum(dtype=torch.float64))
                 found.append(SHAPE_SCALE * slope / (reached[1] - reached[0]))
         finally:

@@ -25,7 +25,7 @@ SHAPES = (Shape(), Shape(1.2, 0.3, 0.5), Shape(is_cap=True))
 def filled(ways=WAYS):
     """Points of all ways, the last repeated, shape [L, K, 2]."""
     most = max(map(len, ways))
-    return torch.from_numpy(np.stack([np.concatenate([way, np.repeat(way[-1:], most - len(way), 0)]) for way in ways]))
+    return np.stack([np.concatenate([way, np.repeat(way[-1:], most - len(way), 0)]) for way in ways])
 
 
 def chains_of(shape, device="cpu"):
@@ -38,7 +38,7 @@ def test_heights_are_those_of_printed_paths():
     """Corners, a closed line and the turns of a meander are not doubled; different lines are."""
     paths = [uniform_path(way, *size) for way, size in zip(WAYS, SIZES, strict=True)]
     expected = paths_relief(paths, 64, SCENE.plate_size_m)
-    found = chains_of(Shape()).heights(filled(), torch.from_numpy(SIZES)).double().numpy()
+    found = chains_of(Shape()).heights(filled(), SIZES).double().numpy()
     np.testing.assert_allclose(found, expected, atol=5e-9)
     assert expected.max() > 8e-4
 
@@ -47,19 +47,20 @@ def test_a_chain_of_two_points_is_a_line():
     lines = 1e-3 * torch.tensor([[-10.0, 3.0, 12.0, -7.0, 2.9, 0.8], [1.0, 2.0, 5.0, 5.0, 1.3, 1.0]]).double()
     for shape in SHAPES:
         chains = chains_of(shape)
-        parts = chains.parts(lines[:, :4].reshape(2, 2, 2), lines[:, 4:])
+        parts = chains.parts(chains.placed(lines[:, :4].reshape(2, 2, 2).numpy(), lines[:, 4:].numpy()))
         torch.testing.assert_close(parts, chains.model.parts(lines)[0], rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, BLOCK, BLOCK + 1, BLOCK + 2])
 def test_any_number_of_points(count):
     """Blocks are filled up by the last point, and its gradient is that of all that stand for it."""
-    points = torch.from_numpy(np.linspace([-8e-3, 1e-3], [9e-3, 5e-3], count)[None])
-    sizes, chains = torch.tensor([[2e-3, 5e-4]]).double(), chains_of(Shape())
-    parts = chains.parts(points, sizes)
+    points = np.linspace([-8e-3, 1e-3], [9e-3, 5e-3], count)[None]
+    chains = chains_of(Shape())
+    placed = chains.placed(points, np.array([[2e-3, 5e-4]]))
+    parts = chains.parts(placed)
     assert float(parts.amax()) == pytest.approx(5e-4, rel=0.3)
     weight = torch.from_numpy(np.mgrid[0:64, 0:64][1].astype(np.float32))
-    by_point, _ = chains.gradient(points, sizes, parts, weight)
+    by_point, _ = chains.gradient(placed, parts, weight)
     assert by_point.shape == points.shape
     # Moved as a whole to the right by a sample the sum of heights times columns grows by the volume.
     assert float(by_point[..., 0].sum()) * SCENE.sample_pitch_m[0] == pytest.approx(float(parts.sum()), rel=0.01)
@@ -67,20 +68,21 @@ def test_any_number_of_points(count):
 
 def test_no_chain_prints_nothing():
     chains = chains_of(Shape())
-    assert not chains.heights(torch.zeros(0, 2, 2), torch.zeros(0, 2)).any()
+    assert not chains.heights(np.zeros((0, 2, 2)), np.zeros((0, 2))).any()
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_gradient_by_points_and_sizes(shape):
     """Against differences of a weighted sum of heights, all chains moved at once."""
-    chains, points, sizes = chains_of(shape), filled(), torch.from_numpy(SIZES)
+    chains, points, sizes = chains_of(shape), filled(), SIZES
+    placed = chains.placed(points, sizes)
     rng = np.random.default_rng(2)
     smooth = np.cos(np.mgrid[0:64, 0:64].transpose(1, 2, 0) @ rng.uniform(0.1, 0.4, (2, 3))).sum(-1)
     weight = torch.from_numpy(smooth.astype(np.float32))
-    by_point, by_size = chains.gradient(points, sizes, chains.parts(points, sizes), weight)
+    by_point, by_size = chains.gradient(placed, chains.parts(placed), weight)
     turns = rng.uniform(0, 2 * np.pi, (len(WAYS), 1, 2))
-    moved = torch.from_numpy(np.sin(400 * points.numpy() + turns))
-    grown = torch.from_numpy(rng.standard_normal(sizes.shape))
+    moved = np.sin(400 * points + turns)
+    grown = rng.standard_normal(sizes.shape)
 
     def value(step):
         found = chains.heights(points + step * moved, sizes + step * grown)
@@ -98,9 +100,27 @@ def test_a_gpu_agrees():
         pytest.skip("needs a CUDA device")
     weight, found = torch.randn(64, 64, generator=torch.Generator().manual_seed(1)), []
     for device in ("cpu", "cuda"):
-        chains, sizes = chains_of(SHAPES[1], device), torch.from_numpy(SIZES)
-        parts = chains.parts(filled(), sizes)
+        chains = chains_of(SHAPES[1], device)
+        placed = chains.placed(filled(), SIZES)
+        parts = chains.parts(placed)
         assert parts.device.type == device
-        found.append((parts.cpu(), *chains.gradient(filled(), sizes, parts, weight.to(device))))
+        found.append((parts.cpu().numpy(), *chains.gradient(placed, parts, weight.to(device))))
     for one, other in zip(*found, strict=True):
-        assert float((one - other).norm()) <= 2e-3 * float(one.norm())
+        assert np.linalg.norm(one - other) <= 2e-3 * np.linalg.norm(one)
+
+
+def test_chains_alone_are_those_among_others():
+    """Blocks that others need, and these fill up, change neither a relief nor what is asked of it."""
+    chains = chains_of(SHAPES[1])
+    together = chains.placed(filled(), SIZES)
+    weight = torch.randn(len(WAYS), 64, 64, generator=torch.Generator().manual_seed(3))
+    of_points, of_sizes = chains.gradient_of_each(together, weight)
+    parts = chains.parts(together)
+    for k, way in enumerate(WAYS):
+        alone = chains.placed(way[None], SIZES[[k]])
+        torch.testing.assert_close(chains.parts(alone)[0], parts[k], rtol=0, atol=0)
+        by_point, by_size = chains.gradient_of_each(alone, weight[[k]])
+        np.testing.assert_allclose(by_size[0], of_sizes[k], rtol=1e-4)
+        expected = of_points[k, : len(way)].copy()
+        expected[-1] += of_points[k, len(way) :].sum(axis=0)
+        np.testing.assert_allclose(by_point[0], expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())

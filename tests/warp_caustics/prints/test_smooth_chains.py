@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from warp_caustics.prints.curves import ring_points
 from warp_caustics.prints.smooth_chains import STEP_M, Track, TrackPoints, spline_weights, track_through, track_weights
@@ -56,7 +55,7 @@ def test_gradients_go_back_to_nodes():
     tracks = [ring, Track(1e-3 * np.eye(2)), Track(np.zeros((1, 2)))]
     points = TrackPoints(tracks)
     rng = np.random.default_rng(0)
-    nodes, by_point = rng.standard_normal(points.nodes_m.shape), torch.randn(3, points.most, 2).double()
+    nodes, by_point = rng.standard_normal(points.nodes_m.shape), rng.standard_normal((3, points.most, 2))
     assert float((points.of(nodes) * by_point).sum()) == pytest.approx(float((points.back(by_point) * nodes).sum()))
     moved = points.tracks_at(nodes)
     assert [len(track.nodes_m) for track in moved] == [len(track.nodes_m) for track in tracks]

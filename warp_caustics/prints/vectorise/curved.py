@@ -70,7 +70,7 @@ def refitted_curves(
     for floor in (*FLOORS_M, LAST_FLOOR_M):
         found.focus(floor)
         found.refit(FIRST_ITERATIONS)
-    return found.lines, found.loss
+    return found.lines, found.state.loss
 
 
 def curved_unexplained(model: LineModel, lines: CurvedLines, relief_m: torch.Tensor, spread_m: torch.Tensor) -> float:
@@ -84,9 +84,10 @@ def curved_unexplained(model: LineModel, lines: CurvedLines, relief_m: torch.Ten
     """
     found = CurvedSet(model, relief_m, spread_m)
     found.begin(lines)
-    sigma = (found.spread.square() + FLOORS_OF_LINES_M[-1] ** 2).sqrt()
+    fit = found.fit
+    sigma = (fit.spread.square() + FLOORS_OF_LINES_M[-1] ** 2).sqrt()
     nodes = sum(len(track.nodes_m) for track in lines.tracks)
-    return loss_of(found.relief - model.joined(found.parts), sigma) + NODE_LOSS * nodes
+    return loss_of(fit.relief - model.joined(found.state.parts), sigma) + NODE_LOSS * nodes
 
 
 def _stage(found: CurvedSet, floor_m: float, most: int) -> None:

@@ -7,7 +7,7 @@ import torch
 from warp_caustics.prints.curves import bezier_points, meander_points, ring_points
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.paths import paths_relief, uniform_path
-from warp_caustics.prints.smooth_chains import Track
+from warp_caustics.prints.smooth_chains import Track, track_through
 from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, refitted_curves
 from warp_caustics.prints.vectorise.curved_ends import halves, joined_tracks, meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines, penalty_of
@@ -34,7 +34,7 @@ def found_in(relief):
     lines = curved_lines_of_relief(model, relief, torch.zeros_like(relief))
     shown = CurvedSet(model, relief, torch.zeros_like(relief))
     shown.begin(lines)
-    return lines, 1e6 * float((model.joined(shown.parts) - relief).square().mean().sqrt())
+    return lines, 1e6 * float((model.joined(shown.state.parts) - relief).square().mean().sqrt())
 
 
 @pytest.mark.parametrize(
@@ -127,3 +127,52 @@ def test_lines_that_are_nearly_right_are_moved():
     moved, left = refitted_curves(LineModel(SCENE), CurvedLines(tracks, 1.1 * lines.sizes), relief, 0 * relief)
     np.testing.assert_allclose(moved.sizes, lines.sizes, rtol=0.02)
     assert left < 100
+
+
+def begun_with(relief, *lines):
+    """A set that has these lines: nodes [m], and size [mm]."""
+    found = CurvedSet(LineModel(SCENE), relief, torch.zeros_like(relief))
+    found.focus(3e-5)
+    tracks = [track_through(np.asarray(way)) for way, *_ in lines]
+    found.begin(CurvedLines(tracks, 1e-3 * np.array([size for _, *size in lines])))
+    found.refit(20)
+    return found
+
+
+def test_ways_that_went_astray_are_followed_anew():
+    """Two crossing lines, each of which turns into the other where they cross."""
+    one, other = 1e-3 * np.array([[[-18.0, -8.0], [18.0, 8.0]], [[-18.0, 8.0], [18.0, -8.0]]])
+    relief = relief_of((one, 2.0, 0.5), (other, 2.0, 0.3))
+    middle = np.zeros(2)
+    below = np.concatenate([np.linspace(one[0], middle, 20), np.linspace(middle, other[1], 20)[1:]])
+    above = np.concatenate([np.linspace(other[0], middle, 20), np.linspace(middle, one[1], 20)[1:]])
+    found = begun_with(relief, (below, 2.0, 0.4), (above, 2.0, 0.4))
+    before = found.state.loss
+    assert found.rebuild(10)
+    found.refit(30)
+    assert found.state.loss < 0.1 * before
+    assert len(found.lines) == 2
+    np.testing.assert_allclose(np.sort(found.lines.sizes[:, 1]), [3e-4, 5e-4], rtol=0.03)
+    for track in found.lines.tracks:
+        ends = track.nodes_m[[0, -1]]
+        assert abs(float(ends.sum())) < 2e-3  # straight through the middle
+
+
+def test_a_way_over_two_lines_is_cut():
+    """Two lines in a row of different sizes, told as one."""
+    start, middle, end = 1e-3 * np.array([[-18.0, 2.0], [1.0, 2.0], [18.0, 2.0]])
+    relief = relief_of((np.stack([start, middle]), 2.0, 0.6), (np.stack([middle, end]), 1.4, 0.3))
+    found = begun_with(relief, (np.linspace(start, end, 40), 1.7, 0.45))
+    before = found.state.loss
+    assert found.split(10)
+    found.refit(40)
+    assert found.state.loss < 0.2 * before
+    np.testing.assert_allclose(found.lines.sizes, 1e-3 * np.array([[2.0, 0.6], [1.4, 0.3]]), rtol=0.06)
+
+
+def test_nothing_is_cut_or_followed_anew_where_lines_are_right():
+    relief = relief_of((CURVE, 2.0, 0.5))
+    found = begun_with(relief, (CURVE, 2.0, 0.5))
+    state = found.state
+    assert not found.split(10) and not found.rebuild(10)
+    assert found.state is state
