@@ -13,7 +13,7 @@ import torch
 
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
 from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.line_posterior import height_deviation
+from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.errors import InputError
@@ -51,7 +51,7 @@ class OnBench:
     view: LinesView
     bench: Bench
     numbers: BenchNumbers
-    covariance: FloatArray
+    covariance: JointCovariance
 
     @property
     def deviation_m(self) -> FloatArray:

@@ -25,7 +25,7 @@ from nets.reconstruct.fibres.image_fit import (
     ImageFit,
     of_wavelength,
 )
-from nets.reconstruct.fibres.line_posterior import joint_covariance, misfit_weight
+from nets.reconstruct.fibres.line_posterior import JointCovariance, joint_covariance, misfit_weight
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
@@ -300,8 +300,8 @@ class BenchOfLines:
         """Lines after a descent with what is linear beside them, its amplitudes and their deviations [widths]."""
         beside = self._beside(fit, lines, bench, loss)
         found = fit.descend(lines, ITERATIONS, with_section=self.with_section, beside=beside)
-        covariance = joint_covariance(fit, found.lines, beside, beside.weight)
-        deviations = np.sqrt(np.maximum(np.diag(covariance)[-len(beside.modes) :], 0.0))
+        covariance = joint_covariance(fit, found.lines, beside, beside.weight, with_section=self.with_section)
+        deviations = np.sqrt(np.maximum(np.diag(covariance.matrix)[-len(beside.modes) :], 0.0))
         return found.lines, found.beside, deviations
 
     def _beside(self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float) -> Beside:
@@ -318,7 +318,7 @@ class BenchOfLines:
         before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
         return Beside(modes, before, misfit_weight(fit, loss))
 
-    def covariance(self, lines: torch.Tensor, bench: Bench) -> FloatArray:
+    def covariance(self, lines: torch.Tensor, bench: Bench) -> JointCovariance:
         """Of lines and bench together about where they were found; see :func:`joint_covariance`.
 
         Args:
@@ -327,16 +327,16 @@ class BenchOfLines:
         """
         fit = self.fit_on(bench)
         beside = self._beside(fit, lines, bench, fit.loss(self.model.heights(lines)))
-        return joint_covariance(fit, lines, beside, beside.weight)
+        return joint_covariance(fit, lines, beside, beside.weight, with_section=self.with_section)
 
-    def with_sigma(self, bench: Bench, covariance: FloatArray) -> Bench:
+    def with_sigma(self, bench: Bench, covariance: JointCovariance) -> Bench:
         """A bench that knows how well it is known.
 
         Args:
             bench: where it was found.
             covariance: of :meth:`covariance`.
         """
-        deviations = np.sqrt(np.maximum(np.diag(covariance)[-len(self._widths) :], 0.0)) * self._widths
+        deviations = np.sqrt(np.maximum(np.diag(covariance.matrix)[-len(self._widths) :], 0.0)) * self._widths
         return dataclasses.replace(bench, sigma=dict(zip(self.numbers.names, deviations.tolist(), strict=False)))
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:

@@ -2,18 +2,21 @@
 
 Laplace's approximation: the misfit's Gauss-Newton matrix about lines and bench together, in units of what is left of
 the image, is the inverse of their joint covariance. What a bench makes lines unsure of is in the block of the lines,
-since its numbers are free to move along. Heights follow to first order,
+since its numbers are free to move along; and so is their section, where that was found with them: one that is a little
+blunter looks much as of another gap. Heights follow to first order,
 
-    u^2 = diag(J C J^T),   J = d heights / d lines.
+    u^2 = diag(J C J^T),   J = d heights / d (lines, section).
 
-Limits: lines that are missing, or too many, are in no covariance; nor is a section that is none of the plate's.
+Limits: lines that are missing, or too many, are in no covariance; nor is a section of another family.
 """
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
+from nets.reconstruct.fibres.descent_numbers import by_shape, moving
 from nets.reconstruct.fibres.image_fit import Beside, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.posterior_samples import samples_of
@@ -27,6 +30,22 @@ CORRELATED_PX = 100.0
 """Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
 RIDGE = 1e-6
 """Of the scaled matrix, that keeps lines on top of each other apart."""
+SHAPE_WIDTHS = (0.25, 1.0, 1.0, 0.5, 1e-3)
+"""Standard deviations of a shape's numbers before an image is seen, about half of what they may be: some images do not
+tell them at all, as lines that do not cross do not tell what happens where lines cross."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """Of lines and what was found with them.
+
+    Attributes:
+        matrix: of lines [m^2], their shape and what is beside them [widths], shape [6 L + S + K, 6 L + S + K].
+        places: of the S numbers of the shape (:mod:`nets.reconstruct.fibres.descent_numbers`).
+    """
+
+    matrix: FloatArray
+    places: tuple[int, ...] = ()
 
 
 def misfit_weight(fit: ImageFit, loss: float) -> float:
@@ -35,46 +54,55 @@ def misfit_weight(fit: ImageFit, loss: float) -> float:
     return 2 * loss * CORRELATED_PX / max(counted, 1.0)
 
 
-def joint_covariance(fit: ImageFit, lines: torch.Tensor, beside: Beside | None, weight: float) -> FloatArray:
-    """Of lines [m^2] and what is beside them [widths], shape [6 L + K, 6 L + K].
+def joint_covariance(
+    fit: ImageFit, lines: torch.Tensor, beside: Beside | None, weight: float, *, with_section: bool = False
+) -> JointCovariance:
+    """Of lines, S numbers of their shape and K of what is beside them.
 
     Args:
         fit: on the bench that lines were found on.
         lines: shape [L, 6] [m].
         beside: numbers of the bench and its light, K of them, about where they were found; None for none.
         weight: of :func:`misfit_weight`.
+        with_section: the shape's numbers were found with them (those that a descent moves); else S is 0.
     """
     heights, derivatives = fit.model.with_jacobian(lines)
+    places = moving(fit.model.shape) if with_section else ()
+    if places:
+        derivatives = torch.cat([derivatives, by_shape(fit.model, lines, places)])
     information = fit.metric.normal_matrix(heights, derivatives, beside).numpy()
     count = 0 if beside is None else len(beside.modes)
     free = len(information) - count
+    of_shape = np.arange(lines.numel(), free)
+    information[of_shape, of_shape] += weight / np.array([SHAPE_WIDTHS[place] for place in places]) ** 2
     scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
     scale[free:] = 1.0
     information /= np.outer(scale, scale)
     information[free:, free:] += weight * np.eye(count)
     information[:free, :free] += RIDGE * np.eye(free)
-    covariance: FloatArray = weight * np.linalg.inv(information) / np.outer(scale, scale)
-    return covariance
+    return JointCovariance(weight * np.linalg.inv(information) / np.outer(scale, scale), places)
 
 
-def height_deviation(model: LineModel, lines: torch.Tensor, covariance: FloatArray) -> FloatArray:
-    """Standard deviation of heights [m], shape [n, n], by the block of the lines.
+def height_deviation(model: LineModel, lines: torch.Tensor, covariance: JointCovariance) -> FloatArray:
+    """Standard deviation of heights [m], shape [n, n], by the block of the lines and their shape.
 
     Args:
         model: renders lines.
         lines: shape [L, 6] [m].
         covariance: of :func:`joint_covariance`.
     """
-    derivatives = model.with_jacobian(lines)[1].double().cpu().numpy()
-    flat = derivatives.reshape(len(derivatives), -1)
-    own = covariance[: len(flat), : len(flat)]
+    derivatives = model.with_jacobian(lines)[1]
+    if covariance.places:
+        derivatives = torch.cat([derivatives, by_shape(model, lines, covariance.places)])
+    flat = derivatives.flatten(1).double().cpu().numpy()
+    own = covariance.matrix[: len(flat), : len(flat)]
     variance = np.einsum("pi,pi->i", own @ flat, flat)
-    deviation: FloatArray = np.sqrt(np.maximum(variance, 0.0)).reshape(derivatives.shape[1:])
+    deviation: FloatArray = np.sqrt(np.maximum(variance, 0.0)).reshape(tuple(derivatives.shape[1:]))
     return deviation
 
 
 def with_line_samples(
-    found: Reconstruction, count: int, view: LinesView, lines: torch.Tensor, covariance: FloatArray | None
+    found: Reconstruction, count: int, view: LinesView, lines: torch.Tensor, covariance: JointCovariance | None
 ) -> Reconstruction:
     """A result of lines with reliefs whose lines are drawn.
 
@@ -98,11 +126,11 @@ def with_line_samples(
 
 
 def drawn_lines(
-    model: LineModel, lines: torch.Tensor, covariance: FloatArray, count: int, seed: int = 0
+    model: LineModel, lines: torch.Tensor, covariance: JointCovariance, count: int, seed: int = 0
 ) -> torch.Tensor:
     """Lines as they may be as well, shape [N, L, 6] [m], within the model's limits."""
     size = lines.numel()
-    values, vectors = np.linalg.eigh(covariance[:size, :size])
+    values, vectors = np.linalg.eigh(covariance.matrix[:size, :size])
     white = np.random.default_rng(seed).standard_normal((count, size))
     steps = (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return torch.stack([model.clamped(lines + torch.from_numpy(step).reshape(lines.shape)) for step in steps])

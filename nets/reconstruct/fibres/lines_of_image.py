@@ -25,6 +25,7 @@ from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_result import result_of
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
@@ -102,7 +103,7 @@ class LinesOfImage:
         self.refined_steps = 0
         """Of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
-        self.covariance: FloatArray | None = None
+        self.covariance: JointCovariance | None = None
         """Of lines and bench, where both were found; ``counted`` are those lines."""
         self.counted = self.lines
         self.waves: WavyLines | None = None

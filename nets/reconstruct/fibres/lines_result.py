@@ -11,7 +11,7 @@ from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, bench_rec
 from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.curves_paths import paths_of
 from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.line_posterior import height_deviation, with_line_samples
+from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation, with_line_samples
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
@@ -30,7 +30,7 @@ class Run(ImageRun, Protocol):
     view: LinesView
     model: LineModel
     lines: torch.Tensor
-    covariance: FloatArray | None
+    covariance: JointCovariance | None
     waves: WavyLines | None
     curves: CurvesOnImage | None
     bench: Bench

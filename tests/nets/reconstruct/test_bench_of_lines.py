@@ -15,7 +15,13 @@ from nets.reconstruct.fibres.bench_of_lines import (
     seen_on,
 )
 from nets.reconstruct.fibres.image_fit import Beside, ImageFit
-from nets.reconstruct.fibres.line_posterior import drawn_lines, height_deviation, joint_covariance, misfit_weight
+from nets.reconstruct.fibres.line_posterior import (
+    JointCovariance,
+    drawn_lines,
+    height_deviation,
+    joint_covariance,
+    misfit_weight,
+)
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -157,7 +163,7 @@ def test_heights_deviate_as_lines_that_are_drawn():
     """To first order: the spread of 200 draws is the deviation, to a tenth."""
     rng = np.random.default_rng(0)
     mixing = rng.standard_normal((18, 18)) * 3e-6
-    covariance = mixing @ mixing.T
+    covariance = JointCovariance(mixing @ mixing.T)
     deviation = height_deviation(MODEL, LINES, covariance)
     drawn = torch.stack([MODEL.heights(lines) for lines in drawn_lines(MODEL, LINES, covariance, 200)])
     where = deviation > 3e-6

@@ -11,6 +11,7 @@ import nets.reconstruct.fibres.second_look as second_look
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
@@ -155,16 +156,18 @@ def test_what_is_known_of_a_bench_is_of_the_lines_in_the_end(model, image, metho
 
     def with_all(self):
         runs.append(self)
-        self.covariance, self.counted = np.eye(self.lines.numel()), self.lines
+        self.covariance, self.counted = JointCovariance(np.eye(self.lines.numel())), self.lines
 
     monkeypatch.setattr(LinesOfImage, "_fit_with_all", with_all)
     monkeypatch.setattr(LinesOfImage, "_is_near", lambda self: False)
-    monkeypatch.setattr(BenchOfLines, "covariance", lambda self, lines, bench: 2 * np.eye(lines.numel()))
+    monkeypatch.setattr(
+        BenchOfLines, "covariance", lambda self, lines, bench: JointCovariance(2 * np.eye(lines.numel()))
+    )
     fibres, _ = method(relief(model, LINES, 1e-5))
     fibres.reconstruct(image)
     (run,) = runs
     assert len(run.lines) == 3 and run.counted is run.lines
-    np.testing.assert_array_equal(run.covariance, 2 * np.eye(18))
+    np.testing.assert_array_equal(run.covariance.matrix, 2 * np.eye(18))
 
 
 def test_an_interrupted_look_leaves_no_covariance_of_other_lines(model, image, method, monkeypatch):
@@ -174,7 +177,7 @@ def test_an_interrupted_look_leaves_no_covariance_of_other_lines(model, image, m
 
     def with_all(self):
         runs.append(self)
-        self.covariance, self.counted = np.eye(self.lines.numel()), self.lines
+        self.covariance, self.counted = JointCovariance(np.eye(self.lines.numel())), self.lines
 
     runs = []
     monkeypatch.setattr(LinesOfImage, "_fit_with_all", with_all)

@@ -108,4 +108,6 @@ def _stage(found: CurvedSet, floor_m: float, most: int) -> None:
         found.refit(LATER_ITERATIONS)
         found.prune()
     found.link()
+    if found.unstack():
+        found.link()
     found.refit(LATER_ITERATIONS)

@@ -6,7 +6,7 @@ import numpy as np
 
 from warp_caustics.prints.smooth_chains import POINTS_OF_NODE, Track, track_through, track_weights
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
-from warp_caustics.types import FloatArray
+from warp_caustics.types import BoolArray, FloatArray
 
 FEWEST_NODES = 6
 """Of a line that is cut off."""
@@ -63,16 +63,42 @@ def meetings(lines: CurvedLines) -> list[Meeting]:
     return [pair for _, pair in sorted(found, key=lambda each: each[0])]
 
 
-def halves(track: Track) -> list[list[Track]]:
-    """Ways to cut a way in two: at quarters of it."""
+def cuts(track: Track, most: int) -> list[tuple[Track, Track]]:
+    """Ways to cut a way in two, at nodes all along it; none of one that is closed or short.
+
+    Args:
+        track: the way.
+        most: number of them.
+    """
     count, found = len(track.nodes_m), []
     if track.is_closed or count < 2 * FEWEST_NODES:
         return []
-    for part in (0.25, 0.5, 0.75):
-        k = min(max(round(part * (count - 1)), FEWEST_NODES - 1), count - FEWEST_NODES)
+    places = np.linspace(FEWEST_NODES - 1, count - FEWEST_NODES, min(most, count - 2 * FEWEST_NODES + 2))
+    for k in np.unique(np.rint(places).astype(int)).tolist():
         first = Track(track.nodes_m[: k + 1].copy(), tuple(c for c in track.corners if c < k), step_m=track.step_m)
         second = Track(track.nodes_m[k:].copy(), tuple(c - k for c in track.corners if c > k), step_m=track.step_m)
-        found.append([first, second])
+        found.append((first, second))
+    return found
+
+
+def without_stretch(track: Track, is_inside: BoolArray) -> list[Track] | None:
+    """What is left of a way without its longest stretch of nodes that are inside; None if that is short.
+
+    Args:
+        track: the way.
+        is_inside: shape [N].
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_inside, [False]]).astype(int)))
+    if track.is_closed or not len(edges):
+        return None
+    first, last = max(edges.reshape(-1, 2).tolist(), key=lambda run: run[1] - run[0])
+    if last - first < FEWEST_NODES:
+        return None
+    found = []
+    for start, end in ((0, first), (last, len(is_inside))):
+        if end - start >= FEWEST_NODES:
+            corners = tuple(c - start for c in track.corners if start < c < end - 1)
+            found.append(Track(track.nodes_m[start:end].copy(), corners, step_m=track.step_m))
     return found
 
 

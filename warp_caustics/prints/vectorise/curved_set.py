@@ -8,7 +8,7 @@ import torch
 
 from warp_caustics.prints.model import LineModel, half_height
 from warp_caustics.prints.smooth_chains import Track
-from warp_caustics.prints.vectorise.curved_ends import halves, meetings
+from warp_caustics.prints.vectorise.curved_ends import cuts, meetings, without_stretch
 from warp_caustics.prints.vectorise.curved_fit import CurvedFit
 from warp_caustics.prints.vectorise.curved_lines import LEAST_M, PENALTY, CurvedLines, line_of_ridge, penalty_of
 from warp_caustics.prints.vectorise.ridges import circles_of, ridges_of
@@ -16,6 +16,8 @@ from warp_caustics.types import BoolArray, FloatArray
 
 FITTED_ITERATIONS, AGAIN_ITERATIONS = 12, 4
 """Of L-BFGS with a line that is added, and where others were added since."""
+UNSTACKED_ITERATIONS = 30
+"""Of lines that were one on the other."""
 FITTED_AT_ONCE = 12
 """Of those that may be added, the ones that save most as they are."""
 MOST_RIDGES = 80
@@ -28,6 +30,12 @@ ON_TOP = 0.3
 """Share of a line that lies on another one for both to be followed anew together."""
 MOST_REBUILT = 8
 """Lines, or pairs, that are followed anew in a round."""
+MOST_CUTS, CUTS_FITTED = 24, 3
+"""Places where a line is cut that are looked at, and of these the best that are fitted."""
+HIGHER = 0.1, 4.0
+"""Times that a piece may be as high as the line was."""
+LONG = 4.0
+"""Times the larger width that a line goes along another one from which on both may be one."""
 SAME_LINE = 0.3
 """Cosine of the angle between reliefs of lines that may be the same."""
 MOSTLY = 0.6
@@ -135,26 +143,32 @@ class CurvedSet:
                 self.state, helped = found, True
         return helped
 
+    def _masks(self) -> torch.Tensor:
+        """Cells of each line, 1 or 0, shape [L, n n]."""
+        flat = self.state.parts.flatten(1)
+        return (flat > OF_CROWN * flat.amax(dim=1, keepdim=True).clamp_min(1e-12)).float()
+
     def _doubtful(self) -> list[tuple[int, ...]]:
         """Lines under which much is left, alone, with one that lies on top, and two that touch; the worst first."""
         if not len(self.lines):
             return []
         fit, parts = self.fit, self.state.parts
         left = ((self.model.joined(parts) - fit.relief) / fit.sigma).square().log1p() / 2
-        crowns = parts.flatten(1).amax(dim=1)[:, None, None].clamp_min(1e-12)
-        masks = (parts > OF_CROWN * crowns).flatten(1).float()
+        masks = self._masks()
         under = masks @ left.flatten()
         mean = under / masks.sum(dim=1).clamp_min(1)
-        bad = [k for k in range(len(self.lines)) if float(mean[k]) > DOUBTFUL and float(under[k]) > PENALTY]
-        shared = (masks @ masks.T) / masks.sum(dim=1).clamp_min(1)
+        bad = [float(mean[k]) > DOUBTFUL and float(under[k]) > PENALTY for k in range(len(masks))]
+        both = masks @ masks.T
+        shared = both / masks.sum(dim=1).clamp_min(1)
         lie_on_top = torch.maximum(shared, shared.T) > ON_TOP
-        groups: list[tuple[float, tuple[int, ...]]] = [(float(under[k]), (k,)) for k in bad]
-        for k in bad:
-            groups += [
-                (float(under[k] + under[m]), (k, m))
-                for m in range(len(self.lines))
-                if (m > k and m in bad and shared[k, m] > 0) or (m not in bad and lie_on_top[k, m])
-            ]
+
+        def is_pair(k: int, m: int) -> bool:
+            touch = bad[k] and bad[m] and bool(both[k, m] > 0)
+            return touch or ((bad[k] or bad[m]) and bool(lie_on_top[k, m]))
+
+        groups: list[tuple[float, tuple[int, ...]]] = [(float(under[k]), (k,)) for k in range(len(masks)) if bad[k]]
+        for k in range(len(masks)):
+            groups += [(float(under[k] + under[m]), (k, m)) for m in range(k + 1, len(masks)) if is_pair(k, m)]
         return [group for _, group in sorted(groups, reverse=True)[:MOST_REBUILT]]
 
     def _grown(self, state: "State", most: int, where: BoolArray | None = None) -> "State":
@@ -231,10 +245,10 @@ class CurvedSet:
         for (k,) in [group for group in self._doubtful() if len(group) == 1]:
             if len(self.lines) >= most:
                 break
-            bare, track, size = self._without([k]), self.lines.tracks[k], self.lines.sizes[[k, k]]
-            others, best = self.model.joined(bare.parts), self.state
-            for pieces in halves(track):
-                fitted = self.fit.moved(CurvedLines(pieces, size), others, FITTED_ITERATIONS)
+            bare, best = self._without([k]), self.state
+            others = self.model.joined(bare.parts)
+            for pieces in self._best_cuts(k, others):
+                fitted = self.fit.moved(pieces, others, FITTED_ITERATIONS)
                 parts = torch.cat([bare.parts, self.fit.parts(fitted)])
                 tried = self._state(bare.lines.with_more(fitted), parts)
                 if tried.worth < min(best.worth, self.worth - 1):
@@ -245,6 +259,74 @@ class CurvedSet:
                 order = [*range(k), count - 2, *range(k, count - 2), count - 1]
                 self.state, done = State(best.lines.kept(order), best.parts[order], best.loss), True
         return done
+
+    def _best_cuts(self, k: int, others: torch.Tensor) -> list[CurvedLines]:
+        """Line k as two pieces, each as high as tells the relief best, cut where that leaves least."""
+        size, found = self.lines.sizes[k], list[tuple[float, CurvedLines]]()
+        pairs = cuts(self.lines.tracks[k], MOST_CUTS)
+        if not pairs:
+            return []
+        parts = self.fit.parts(
+            CurvedLines([piece for pair in pairs for piece in pair], np.tile(size, (2 * len(pairs), 1)))
+        )
+        residual = (self.fit.relief - self.model.over(self.state.parts[k], others)) / self.fit.sigma
+        # Least squares with the weights that the loss has here, of what each piece should be higher by.
+        weight = 1 / (1 + residual.square()) / self.fit.sigma.square()
+        for pair, both in zip(pairs, parts.unflatten(0, (-1, 2)), strict=True):
+            flat = both.flatten(1).double()
+            weighted = flat * weight.flatten()
+            left = weighted @ (residual * self.fit.sigma).flatten().double()
+            more = torch.linalg.lstsq((weighted @ flat.T).cpu(), left[:, None].cpu()).solution[:, 0]
+            higher = (1 + more).clamp(*HIGHER)
+            joined = self.model.joined(both * higher[:, None, None].to(both))
+            sizes = size * np.stack([np.ones(2), higher.numpy()], axis=1)
+            found.append((self.fit.loss(self.model.over(joined, others)), CurvedLines(list(pair), sizes)))
+        return [each for _, each in sorted(found, key=lambda pair: pair[0])[:CUTS_FITTED]]
+
+    def unstack(self) -> bool:
+        """Have one line where one lies on another for long; whether that told the relief as well anywhere.
+
+        A way that goes on along another line is cut where it does, and the other is as high as both: neither could be
+        cut, or followed anew, alone without leaving more.
+        """
+        done, tried = False, set[tuple[int, ...]]()
+        while True:
+            pairs = [pair for pair in self._stacked() if pair not in tried]
+            if not pairs:
+                return done
+            k, m = pairs[0]
+            tried.add((k, m))
+            crown = float(self.state.parts[m].amax())
+            pieces = without_stretch(self.lines.tracks[k], self._heights_at(m, self.lines.tracks[k]) > OF_CROWN * crown)
+            if pieces is None:
+                continue
+            bare, sizes = self._without((k, m)), self.lines.sizes
+            width = float(np.average(sizes[[k, m], 0], weights=sizes[[k, m], 1]))
+            size = np.array([*sizes[[k] * len(pieces)], [width, sizes[[k, m], 1].sum()]])
+            new = CurvedLines([*pieces, self.lines.tracks[m]], size)
+            fitted = self.fit.moved(new, self.model.joined(bare.parts), UNSTACKED_ITERATIONS)
+            found = self._state(bare.lines.with_more(fitted), torch.cat([bare.parts, self.fit.parts(fitted)]))
+            if found.worth < self.worth:
+                self.state, done = found, True
+                tried.clear()
+
+    def _stacked(self) -> list[tuple[int, int]]:
+        """Pairs of lines of which the first goes along the second for long."""
+        if not len(self.lines):
+            return []
+        masks = self._masks()
+        both = masks @ masks.T
+        wide = torch.as_tensor(self.lines.sizes[:, 0] / min(self.model.scene.sample_pitch_m)).to(both)
+        found = both > LONG * torch.maximum(wide[:, None], wide).square()
+        return [(k, m) for k, m in found.nonzero().tolist() if k != m]
+
+    def _heights_at(self, k: int, track: Track) -> FloatArray:
+        """Of line k at the nodes of another [m], shape [N]."""
+        n, scene = self.model.n, self.model.scene
+        places = (track.nodes_m / scene.plate_size_m + 0.5) * n - 0.5
+        columns, rows = np.clip(np.rint(places), 0, n - 1).astype(int).T
+        heights: FloatArray = self.state.parts[k].double().cpu().numpy()[rows, columns]
+        return heights
 
     def prune(self) -> bool:
         """Remove lines that save less than their penalty; whether any was."""

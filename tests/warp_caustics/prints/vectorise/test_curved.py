@@ -9,7 +9,7 @@ from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.paths import paths_relief, uniform_path
 from warp_caustics.prints.smooth_chains import Track, track_through
 from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, refitted_curves
-from warp_caustics.prints.vectorise.curved_ends import halves, joined_tracks, meetings
+from warp_caustics.prints.vectorise.curved_ends import cuts, joined_tracks, meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines, penalty_of
 from warp_caustics.prints.vectorise.curved_set import CurvedSet
 from warp_caustics.prints.vectorise.ridges import circles_of, ridges_of
@@ -101,11 +101,13 @@ def test_ends_that_meet_are_joined():
 
 def test_lines_are_cut_in_two():
     track = Track(np.linspace([0.0, 0.0], [1e-2, 0.0], 20), (5, 12))
-    for first, second in halves(track):
+    found = cuts(track, 6)
+    assert len({len(first.nodes_m) for first, _ in found}) == 6
+    for first, second in found:
         np.testing.assert_array_equal(np.concatenate([first.nodes_m, second.nodes_m[1:]]), track.nodes_m)
         corners = [*first.corners, *(k + len(first.nodes_m) - 1 for k in second.corners)]
         assert set(corners) <= {5, 12} and len(first.nodes_m) > 3 < len(second.nodes_m)
-    assert not halves(Track(track.nodes_m[:8]))
+    assert not cuts(Track(track.nodes_m[:8]), 6)
 
 
 def test_what_saves_too_little_is_removed():
@@ -158,9 +160,10 @@ def test_ways_that_went_astray_are_followed_anew():
         assert abs(float(ends.sum())) < 2e-3  # straight through the middle
 
 
-def test_a_way_over_two_lines_is_cut():
-    """Two lines in a row of different sizes, told as one."""
-    start, middle, end = 1e-3 * np.array([[-18.0, 2.0], [1.0, 2.0], [18.0, 2.0]])
+@pytest.mark.parametrize("share", [0.38, 0.62])
+def test_a_way_over_two_lines_is_cut(share):
+    """Two lines in a row of different sizes, told as one: at no quarter of it, whichever end is the longer."""
+    start, middle, end = 1e-3 * np.array([[-18.0, 2.0], [-18.0 + 36.0 * share, 2.0], [18.0, 2.0]])
     relief = relief_of((np.stack([start, middle]), 2.0, 0.6), (np.stack([middle, end]), 1.4, 0.3))
     found = begun_with(relief, (np.linspace(start, end, 40), 1.7, 0.45))
     before = found.state.loss
@@ -168,6 +171,24 @@ def test_a_way_over_two_lines_is_cut():
     found.refit(40)
     assert found.state.loss < 0.2 * before
     np.testing.assert_allclose(found.lines.sizes, 1e-3 * np.array([[2.0, 0.6], [1.4, 0.3]]), rtol=0.06)
+
+
+def test_a_way_that_goes_on_along_another_line_ends_there():
+    """A long way, whose last part lies on a line of its own that is told lower than it is: both tell the relief well."""
+    other = 1e-3 * np.array([[-16.0, -12.0], [17.0, -8.0]])
+    relief = relief_of((ACROSS, 1.4, 0.3), (other, 1.5, 0.7))
+    astray = np.concatenate([np.linspace(ACROSS[0], ACROSS[1], 40), np.linspace(other[1], other[0], 40)])
+    found = begun_with(relief, (astray, 1.4, 0.3), (np.linspace(*other, 40), 1.5, 0.4))
+    before = found.worth
+    assert found.unstack() and not found.unstack()
+    found.refit(30)
+    assert found.worth < before and len(found.lines) == 2
+    np.testing.assert_allclose(np.sort(found.lines.sizes[:, 1]), [3e-4, 7e-4], rtol=0.05)
+
+
+def test_lines_that_cross_are_not_one_on_the_other():
+    found = begun_with(relief_of((CURVE, 2.0, 0.5), (ACROSS, 1.4, 0.3)), (CURVE, 2.0, 0.5), (ACROSS, 1.4, 0.3))
+    assert not found.unstack() and len(found.lines) == 2
 
 
 def test_nothing_is_cut_or_followed_anew_where_lines_are_right():
