@@ -29,7 +29,7 @@ LAYERS = {
         "spline_stage",
         "engine",
         "simulator oracle",
-        "thinned",
+        "thinned extrapolated",
         "many_scenes tape energy fold_fraction data_gradient device far_screen plan",
         "recorded_gradient",
         "setup capture reconstruct",

@@ -12,6 +12,7 @@ import torch
 
 from warp_caustics.data_gradient import possible_heights
 from warp_caustics.energy import energy_budget
+from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
@@ -32,6 +33,10 @@ from warp_caustics.types import FloatArray
 
 NO_SPREAD = "this method finds one relief, and nothing that tells how far from it others may lie"
 """Why most methods have no uncertainty."""
+
+
+EXTRAPOLATED = 8
+"""Times as many photons as a usual lattice tell its error."""
 
 
 class Resimulated(NamedTuple):
@@ -183,9 +188,16 @@ class Resimulation:
         self._known[:] = [*self._known[1 - self.REMEMBERED :], (heights, simulated)]
         return simulated
 
-    def found_camera(self, heights: FloatArray) -> ChannelCamera:
-        """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n]."""
-        simulated = self._simulated(heights) / self._radiosity
+    def found_camera(self, heights: FloatArray, *, exactly: bool = False) -> ChannelCamera:
+        """What the camera did to the image, told by a relief that is nearly right [m], shape [n, n].
+
+        Args:
+            heights: relief.
+            exactly: without the softness of the simulator's lattice, for descents that have none; else the camera's
+                blur makes up for it, as one that is used with this lattice should.
+        """
+        exact = ExtrapolatedCaustic(self.simulator, EXTRAPOLATED)(self.relief(heights)) if exactly else None
+        simulated = (self._simulated(heights) if exact is None else exact) / self._radiosity
         if self.image.is_mosaic and self.image.own is not None:
             return registered_through_filters(self._pictured, simulated, self.image.own)
         return registered(self.measurement, simulated)

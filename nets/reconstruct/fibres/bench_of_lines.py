@@ -242,8 +242,14 @@ class BenchOfLines:
         self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
         self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
 
-    def fit_on(self, bench: Bench, channel: int | None = None) -> ImageFit:
+    def fit_on(self, bench: Bench, channel: int | None = None, *, about: torch.Tensor | None = None) -> ImageFit:
         """The misfit on a bench, of all wavelengths or of one.
+
+        Args:
+            bench: that light is simulated on.
+            channel: of the wavelength; None for all.
+            about: lines about which the lattice's own error is taken off, shape [L, 6] [m]; None for none. It would be
+                taken for another bench.
 
         Raises:
             InputError: values that make no bench.
@@ -256,7 +262,7 @@ class BenchOfLines:
         metric = ImageFit(
             scene, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=blur_px
         )
-        return ImageFit(
+        fit = ImageFit(
             scene,
             image,
             self.model,
@@ -266,17 +272,20 @@ class BenchOfLines:
             metric=metric,
             blur_px=blur_px,
         )
+        if about is not None:
+            fit.correct_at(self.model.heights(about))
+        return fit
 
     def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
         """Lines that explain the image better, shape [L, 6] [m], and the bench on which they do."""
-        fit = self.fit_on(bench)
+        fit = self.fit_on(bench, about=lines)
         loss = fit.loss(self.model.heights(lines))
         for done in range(1, MOST_ROUNDS + 1):
             shape = self.model.shape
             moved, beside, sigma = self._descended(fit, lines, bench, loss)
             trial = self._moved(bench, beside, sigma)
             try:
-                on_trial = self.fit_on(trial)
+                on_trial = self.fit_on(trial, about=moved)
             except InputError:
                 self.model.shape = shape
                 break
@@ -292,7 +301,7 @@ class BenchOfLines:
 
     def on(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
         """Lines that explain the image better on a bench, which stays; shape [L, 6] [m]."""
-        return self.fit_on(bench).descend(lines, ITERATIONS, with_section=self.with_section).lines, bench
+        return self.fit_on(bench, about=lines).descend(lines, ITERATIONS, with_section=self.with_section).lines, bench
 
     def _descended(
         self, fit: ImageFit, lines: torch.Tensor, bench: Bench, loss: float
@@ -325,7 +334,7 @@ class BenchOfLines:
             lines: shape [L, 6] [m].
             bench: on which they were found.
         """
-        fit = self.fit_on(bench)
+        fit = self.fit_on(bench, about=lines)
         beside = self._beside(fit, lines, bench, fit.loss(self.model.heights(lines)))
         return joint_covariance(fit, lines, beside, beside.weight, with_section=self.with_section)
 

@@ -140,6 +140,7 @@ class CurvesOfImage:
                 break
             lines, loss = again
         fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.blur_px)
+        fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
         if not self._is_better(self._relief(lines), relief.double().numpy()):
             return None

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image_fit import BORDER_PIXELS, FINE_PHOTONS_PER_PIXEL
+from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.resampling import blur_matrices, blurred
@@ -64,6 +65,8 @@ class Discrepancy:
         self, scene: Scene, image: CausticImage, device: str | torch.device, blur_px: FloatArray | None = None
     ):
         self.simulator = simulator_at(scene, scene.image_pixels, device, FINE_PHOTONS_PER_PIXEL)
+        self._exactly = ExtrapolatedCaustic(self.simulator)
+        self._known: tuple[FloatArray, torch.Tensor] | None = None
         self.samples = scene.height_samples
         plain = measurement_at(image, scene, scene.image_pixels, self.simulator.device, BORDER_PIXELS)
         self._blur = None
@@ -115,11 +118,13 @@ class Discrepancy:
         spread = torch.nn.functional.max_pool2d(at_samples, reached, stride=1, padding=REACHED_SAMPLES)
         return np.asarray(spread[0].cpu().numpy())
 
-    @torch.no_grad()
     def _caustic(self, heights_m: FloatArray) -> torch.Tensor:
-        heights = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
-        caustic = self.simulator(heights)
-        return caustic if self._blur is None else blurred(caustic, self._blur)
+        """Several questions are asked of one relief."""
+        if self._known is None or not np.array_equal(self._known[0], heights_m):
+            caustic = self._exactly(torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device))
+            caustic = caustic if self._blur is None else blurred(caustic, self._blur)
+            self._known = np.array(heights_m), caustic
+        return self._known[1]
 
 
 def moved_light(irradiance: torch.Tensor, weight: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:

@@ -144,13 +144,13 @@ class GapOfLines:
         self.together, self.numbers, self.model = together, together.numbers, together.model
         self._channel = clearest_wavelength(together.image, together.numbers.scene)
 
-    def fit_on(self, bench: Bench) -> ImageFit:
-        """The misfit on a bench: all pixels, since fewer look like another bench.
+    def fit_on(self, bench: Bench, lines: torch.Tensor) -> ImageFit:
+        """The misfit of lines like these, shape [L, 6] [m], on a bench: all pixels, since fewer look like another one.
 
         Raises:
             InputError: values that make no bench.
         """
-        return self.together.fit_on(bench, self._channel)
+        return self.together.fit_on(bench, self._channel, about=lines)
 
     def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench] | None:
         """Lines, shape [L, 6] [m], and the bench that they tell; None where that is the one they are on.
@@ -172,7 +172,7 @@ class GapOfLines:
 
     def _found(self, lines: torch.Tensor, bench: Bench) -> Trial | None:
         """The least of the valley, where it lies significantly elsewhere."""
-        fit = self.fit_on(bench)
+        fit = self.fit_on(bench, lines)
         loss = fit.loss(self.model.heights(lines))
         weight = misfit_weight(fit, loss)
         search = _Valley(self, bench, weight)
@@ -231,7 +231,7 @@ class _Valley:
         model = self.method.model
         try:
             start = self.moved(near, share)
-            fit = self.method.fit_on(start.bench)
+            fit = self.method.fit_on(start.bench, start.lines)
         except InputError:
             return dataclasses.replace(near, share=share, loss=math.inf)
         model.shape = start.shape

@@ -16,6 +16,7 @@ import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import DescentNumbers
+from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -38,6 +39,8 @@ BORDER_PIXELS = 1
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
+EXTRAPOLATED = 4
+"""Times as many photons tell what a lattice is off by."""
 METRIC_PHOTONS_PER_PIXEL = 4
 """Of the differences that descents take their metric from, on the fewest pixels."""
 DESCENTS = 3
@@ -142,6 +145,7 @@ class ImageFit:
         self._blur = None
         if blur_px is not None and np.any(blur_px):
             self._blur = blur_matrices(pixels, blur_px * (pixels / scene.image_pixels), self.simulator.device)
+        self._of_lattice: torch.Tensor | None = None
         self._at_once = max(1, BATCH_HEIGHTS[model.device.type] // model.n**2)
         # Of what is here alone: a graph that knew this fit would stay as long as nobody looks for unused objects.
         measurement, blur = self.measurement, self._blur
@@ -150,6 +154,23 @@ class ImageFit:
             lambda seen, _heights: measurement.data_term(seen, "charbonnier", width),
             None if blur is None else lambda caustic: blurred(caustic, blur),
         )
+
+    def correct_at(self, heights_m: torch.Tensor) -> None:
+        """Compare from now on as a lattice without end would, about a relief [m], shape [n, n].
+
+        What the lattice makes a caustic too soft by changes little while lines move by micrometres, and is taken off
+        what was measured. Eight photons a pixel leave 0.6 % of a flat plate's light of a sharp caustic, which lines of
+        a section that is a little blunter explain on a bench whose gap is 24 um wider: 1.8 um off, and 0.4 without.
+        """
+        relief = heights_m.contiguous()
+        with torch.no_grad():
+            missing = ExtrapolatedCaustic(self.simulator, EXTRAPOLATED)(relief) - self.simulator(relief)
+            missing = missing if self._blur is None else blurred(missing, self._blur)
+            if self._of_lattice is not None:
+                self.measurement.irradiance.add_(self._of_lattice)
+            # In place: a graph that was recorded reads from here.
+            self.measurement.irradiance.sub_(missing)
+        self._of_lattice = missing
 
     def seen(self, heights_m: torch.Tensor) -> torch.Tensor:
         """What the camera shows of a relief [m], shape [..., n, n], in units of the radiosity; differentiable."""

@@ -14,6 +14,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
+from nets.reconstruct.fibres.camera_of_lines import fit_with_camera
 from nets.reconstruct.fibres.curves_of_image import (
     CurvesOfImage,
     CurvesOnImage,
@@ -94,7 +95,7 @@ class LinesOfImage:
         """Beside an image that told stray light has been taken off."""
         self.is_elsewhere = bench is not None
         self.bench = Bench.told(self.numbers) if bench is None else Bench.found(self.numbers, *bench)
-        self.view = self._on(self.bench, self.camera) if self.is_elsewhere else self.told
+        self.view = self.on(self.bench, self.camera) if self.is_elsewhere else self.told
         """On the bench that explains the image best."""
         self.iterations = method.options.max_iterations or ITERATIONS
         total = (method.options.jumps + 2) * self.iterations
@@ -167,6 +168,8 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
+        if self._is_near():
+            fit_with_camera(self)
         if self._is_near() and self.method.options.losses is not False:
             self._fit_with_losses()
         if self._is_near() and not self.method.takes_bench_as_told:
@@ -299,7 +302,7 @@ class LinesOfImage:
         self.numbers = dataclasses.replace(self.numbers, scene=lossy)
         try:
             self.lines, _ = self._together(self.view.blur_px).on(self.lines, self.bench)
-            self.view = self._on(self.bench)
+            self.view = self.on(self.bench)
         except KeyboardInterrupt:
             self.lines, self.view, self.numbers, self.model.shape = kept
             raise
@@ -316,7 +319,7 @@ class LinesOfImage:
             if found is None:
                 return
             self.lines, self.bench = together.on(*found)
-            self.view = self._on(self.bench)
+            self.view = self.on(self.bench)
             if not self.view.is_explained(self.lines):
                 self.search(self.lines, 1)
         except KeyboardInterrupt:
@@ -338,7 +341,7 @@ class LinesOfImage:
             together = self._together(self.view.blur_px)
             try:
                 self.lines, self.bench = together(self.lines, self.bench)
-                self.view = self._on(self.bench)
+                self.view = self.on(self.bench)
                 if not self.view.is_explained(self.lines):
                     self.search(self.lines, 1)
             except KeyboardInterrupt:
@@ -365,13 +368,13 @@ class LinesOfImage:
         fit = ImageFit(scene, image, self.model, scene.image_pixels, blur_px=blur_px)
         return fit.loss(self.model.heights(self.lines), at_exposure=True)
 
-    def _on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
+    def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
         """The image on another bench, with a camera or that which lines tell there."""
         simulator = CausticSimulator(self.numbers.scene_of(bench.values), "lattice", device=self.method.device)
         image = seen_on(self.measured, self.numbers, bench, self.exposure)
         plain = Resimulation(simulator, image, self.exposure)
         if camera is None:
-            camera = plain.found_camera(self.told.relief(self.lines))
+            camera = plain.found_camera(self.told.relief(self.lines), exactly=True)
         return LinesView(plain.through(camera), self.model)
 
     def note(self, loss: float) -> None:

@@ -139,9 +139,8 @@ class LineSearch:
             self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, blur_px=one)
         self.quick = self.coarse if model.device.type == "cpu" else self.fine
         """Ranks what is tried by the hundred; a GPU has time for more pixels."""
-        self.last = None
-        if pixels < scene.image_pixels or scene.n_wavelengths > 1:
-            self.last = finely(scene, image, scene.image_pixels, blur)
+        self.last = finely(scene, image, scene.image_pixels, blur)
+        """All there is, without the lattice's own error."""
 
     def run(self, start: torch.Tensor) -> torch.Tensor:
         """Lines that explain the image better, shape [L, 6] [m].
@@ -228,9 +227,9 @@ class LineSearch:
                 self.lines, fit.model.shape = kept
 
     def _finish(self) -> None:
-        if self.last is not None:
-            iterations = min(FINAL_ITERATIONS, self.iterations)
-            self.lines = self.last.descend(self.lines, iterations, with_section=self.moves_section).lines
+        iterations = min(FINAL_ITERATIONS, self.iterations)
+        self.last.correct_at(self.last.model.heights(self.lines))
+        self.lines = self.last.descend(self.lines, iterations, with_section=self.moves_section).lines
 
     def _searched(self, fit: ImageFit, start: torch.Tensor, rounds: int | None = None) -> tuple[Fitted, bool]:
         """After rounds of all there is: few pixels tell which lines there are, for a quarter of the time.

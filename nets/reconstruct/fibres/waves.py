@@ -119,7 +119,9 @@ def waves_of(run: Run) -> WavyLines | None:
     found = with_waves(few, straight(run.model, run.lines), FEW_ITERATIONS, noise)
     if not view.resimulation(view.glass(found.heights)).residual < WAVES_FACTOR * left:
         return None
-    return with_waves(finely(view.scene, image, view.scene.image_pixels, blur), found, ALL_ITERATIONS, noise)
+    fine = finely(view.scene, image, view.scene.image_pixels, blur)
+    fine.correct_at(found.heights)
+    return with_waves(fine, found, ALL_ITERATIONS, noise)
 
 
 def noise_of(view: LinesView) -> float:
