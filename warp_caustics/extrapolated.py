@@ -36,7 +36,7 @@ class ExtrapolatedCaustic:
 
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
-        """Irradiance [W/m^2], shape [n_w, m, m], of a relief [m], shape [n, n]; dark pixels may be a little negative."""
+        """Irradiance [W/m^2], shape [n_w, m, m], of a relief [m], shape [n, n]; dark pixels may be a bit negative."""
         caustic: torch.Tensor = 2 * self._fine(heights_m) - self._coarse(heights_m)
         return caustic
 

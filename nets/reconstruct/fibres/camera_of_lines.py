@@ -1,6 +1,5 @@
 """The camera that lines tell, better than the network's first heights did."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +24,9 @@ class Run(Protocol):
     view: LinesView
     bench: Bench
     moves_section: bool
-    note: Callable[[float], None]
+
+    def note(self, loss: float) -> None:
+        """Told after each evaluation; may raise."""
 
     def on(self, bench: Bench) -> LinesView:
         """The image on a bench, with the camera that the lines tell there."""
@@ -44,7 +45,11 @@ def fit_with_camera(run: Run) -> None:
     about = seen.scene, seen.image, run.model, seen.scene.image_pixels
     fit = ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, blur_px=seen.blur_px)
     fit.correct_at(run.model.heights(lines))
-    found = fit.descend(lines, ITERATIONS, with_section=run.moves_section).lines
+    try:
+        found = fit.descend(lines, ITERATIONS, with_section=run.moves_section).lines
+    except KeyboardInterrupt:
+        run.model.shape = shape
+        raise
     was, now = view.left(lines), seen.left(found)
     if was is None or now is None or not now < was:
         run.model.shape = shape
