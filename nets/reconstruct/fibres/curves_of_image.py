@@ -26,6 +26,7 @@ from warp_caustics.prints.vectorise import unexplained
 from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, curved_unexplained, refitted_curves
 from warp_caustics.prints.vectorise.curved_ends import meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
+from warp_caustics.prints.vectorise.rings import as_rings
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.scene import Scene
@@ -36,7 +37,7 @@ FEW_ITERATIONS, ALL_ITERATIONS = 60, 25
 LOOKS = 2
 """How often a network is shown what lines leave."""
 LOOK_FACTOR = 0.98
-"""By which the misfit must fall for the lines after a look to be taken."""
+"""By which the misfit must fall for the lines after a look, or as rings, to be taken."""
 IN_VAIN = 3.0
 """Times the misfit of the relief that lines were found in, from which on they are given up at few pixels."""
 BETTER = 0.9
@@ -129,7 +130,7 @@ class CurvesOfImage:
         if self.finds_section:
             lines = self._with_section(lines, relief, spread)
         before = self.few.loss(relief.to(self.model.device))
-        lines, loss = self._fitted(lines)
+        lines, loss = self._round(*self._fitted(lines))
         if loss > IN_VAIN * before:
             return None
         for _ in range(LOOKS):
@@ -138,7 +139,7 @@ class CurvesOfImage:
             again = self._seen_again(lines)
             if again is None or again[1] > LOOK_FACTOR * loss:
                 break
-            lines, loss = again
+            lines, loss = self._round(*again)
         fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.blur_px)
         fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
@@ -166,6 +167,14 @@ class CurvesOfImage:
     def _fitted(self, lines: CurvedLines) -> tuple[CurvedLines, float]:
         """Lines after a descent at few pixels, and their misfit."""
         return fitted_to_image(self.few, lines, FEW_ITERATIONS, self.noise, with_section=self.moves_section)
+
+    def _round(self, lines: CurvedLines, loss: float) -> tuple[CurvedLines, float]:
+        """Lines with rings in place of those that are nearly ones, where the image says so, and their misfit."""
+        rings = None if self._is_explained(lines) else as_rings(lines)
+        if rings is None:
+            return lines, loss
+        found = self._fitted(rings)
+        return found if found[1] < LOOK_FACTOR * loss else (lines, loss)
 
     def _relief(self, lines: CurvedLines) -> FloatArray:
         return self.view.glass(curved_heights(self.chains, lines))

@@ -121,3 +121,19 @@ def test_jumps_change_one_thing_at_a_time():
     assert torch.equal(reshaped[:, :4], line[:4].expand(6, 4)) and (reshaped[:, 4:] != line[4:]).any(1).all()
     dot = 1e-3 * torch.tensor([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
     assert all(change > 0 and changed.isfinite().all() for changed, _, change in stretches(dot))
+
+
+def test_the_lattice_is_no_part_of_what_lines_are_asked_to_explain(model):
+    """True lines leave less of an image of many photons once the lattice's error is taken off, and stay where they are."""
+    many = CausticSimulator(SCENE, "lattice", n_photons=128 * SCENE.image_pixels**2)
+    fit = ImageFit(SCENE, CausticImage(many(model.heights(LINES)).numpy()), model, 4 * N, photons_per_pixel=8)
+    measured, plain = fit.measurement.irradiance.clone(), fit.loss(model.heights(LINES))
+    wrong = error_um(model, fit.descend(LINES, 15).lines)
+    fit.correct_at(model.heights(LINES))
+    assert fit.loss(model.heights(LINES)) < 0.1 * plain
+    assert error_um(model, fit.descend(LINES, 15).lines) < 0.5 * wrong
+    # Told again, it is the error there, not the sum of both.
+    fit.correct_at(model.heights(LINES + 1e-3))
+    fit.correct_at(model.heights(LINES))
+    missing = measured - fit.measurement.irradiance
+    assert float((missing - fit._of_lattice).abs().max()) < 1e-5
