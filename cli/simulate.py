@@ -13,6 +13,9 @@ from warp_caustics.device import start_device
 if TYPE_CHECKING:
     from warp_caustics.scene import Scene
 
+PHOTONS_PER_PIXEL = 64
+"""Of a lattice, where nobody says how many: sixteen times as many as methods simulate with. An image that is kept is to
+be right to a third of a percent of flat light, and fits of lines see a percent (warp_caustics/extrapolated.py)."""
 LEAST_OVER_BORDER = 1e-4
 """Share of the light beyond the image's border that is worth a word."""
 
@@ -25,7 +28,7 @@ _SAMPLES = "scene.height_samples"
 @click.option("-o", "--output", type=click.Path(), required=True, help="Image: .tif, .png, .exr, .npy, .npz or .h5.")
 @click.option("--noise", type=number, default=0.0, metavar="SHARE", help="White noise, of flat light: 0.01 is 1 %.")
 @click.option("--preset", help="Photon set: lattice (sharp, without noise) or paper (random, s = 16).")
-@click.option("--n-photons", type=integer, help="n_l: light paths per wavelength.")
+@click.option("--n-photons", type=integer, help="n_l: light paths per wavelength; 64 a pixel on a lattice.")
 @click.option("--smoothing", type=number, help="s: scales the photon footprint.")
 @click.option("--placement", help="Where photons start: lattice, stratified, sobol or random.")
 @click.option(
@@ -98,6 +101,8 @@ def simulate(
     from warp_caustics.simulator import CausticSimulator
 
     photons = config.simulation.model_dump(exclude={"deterministic"})
+    if photons["n_photons"] is None and photons["preset"] == "lattice":
+        photons["n_photons"] = PHOTONS_PER_PIXEL * scene.image_pixels**2
     simulator = CausticSimulator(config.scene, device=start_device(device), **photons)
     on_device = torch.tensor(relief, dtype=simulator.dtype, device=simulator.device)
     start = time.perf_counter()

@@ -45,7 +45,7 @@ TOLD_BY_LINES = ("gap_m", "base_thickness_m", "index_offset")
 """Numbers that heights make up for and lines do not."""
 FIELD_WIDTH = 0.05
 """Standard deviation of each channel's brightness, and of what light differs by at the rim."""
-ROUNDS = 5
+ROUNDS = 10
 """Benches about which the image is linearised, as long as the misfit falls by LEAST_GAIN."""
 MOST_ROUNDS = 12
 """The same as long as it falls by STILL_FALLING: a picture 1.5 px aside halves it in the fifth."""
@@ -53,8 +53,12 @@ ITERATIONS = 30
 """Of L-BFGS about each."""
 LEAST_TOLD = 5e-3
 """Change of how far light is bent, relative to it, that people are told of: 5 um of a line 1 mm high."""
-LEAST_GAIN = 5e-3
-"""Share by which the misfit must fall to go on."""
+LEAST_GAIN = 1e-3
+"""Share by which the misfit must fall to go on: along that valley 5 um of heights are two hundredths of it."""
+PARTS = 1.0, 0.5, 0.25
+"""Of a step, the first that leaves less: the valley of gap, base and index with heights is bent."""
+SETTLING = 5
+"""Iterations of L-BFGS with lines alone after a step, before it is judged."""
 STILL_FALLING = 0.1
 """The same after so many rounds that most have ended."""
 
@@ -278,23 +282,31 @@ class BenchOfLines:
 
     def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
         """Lines that explain the image better, shape [L, 6] [m], and the bench on which they do."""
-        fit = self.fit_on(bench, about=lines)
-        loss = fit.loss(self.model.heights(lines))
+        fit = self.fit_on(bench)
         for done in range(1, MOST_ROUNDS + 1):
-            shape = self.model.shape
+            shape, heights = self.model.shape, self.model.heights(lines)
+            # What the lattice is off by is that about these lines for all that is compared in a round.
+            fit.correct_at(heights)
+            loss = fit.loss(heights)
             moved, beside, sigma = self._descended(fit, lines, bench, loss)
-            trial = self._moved(bench, beside, sigma)
-            try:
-                on_trial = self.fit_on(trial, about=moved)
-            except InputError:
-                self.model.shape = shape
-                break
-            found = on_trial.loss(self.model.heights(moved))
-            if found >= loss:
+            for part in PARTS:
+                trial = self._moved(bench, part * beside, sigma)
+                nearer = self.model.clamped(lines + part * (moved - lines))
+                try:
+                    on_trial = self.fit_on(trial)
+                except InputError:
+                    continue
+                on_trial.correct_by(fit.missing)
+                # What lines and bench change together is in no linear image of both.
+                settled = on_trial.descend(nearer, SETTLING, with_section=self.with_section)
+                nearer, found = settled.lines, settled.loss
+                if found < loss:
+                    break
+            else:
                 self.model.shape = shape
                 break
             gain = 1 - found / loss
-            lines, bench, fit, loss = moved, trial, on_trial, found
+            lines, bench, fit = nearer, trial, on_trial
             if gain < (LEAST_GAIN if done < ROUNDS else STILL_FALLING):
                 break
         return lines, bench

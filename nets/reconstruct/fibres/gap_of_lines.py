@@ -45,6 +45,8 @@ LEFT_OVER = 1e-4
 """Of a step that no number of the bench need take: that of rounding."""
 MOST_MOVES = 4
 """Of the last parabola, until its middle is its least."""
+VALLEYS, FARTHER = 2, 1.0
+"""How often the valley is followed where the bench is found anyhow, and from how many standard deviations on."""
 LEAST_WIDTH = FIRST_STEP / 2
 """Of half the last parabola: what lines leave is uneven by what their descents have not reached, and the curvature of
 a narrower one would be that of noise."""
@@ -144,38 +146,42 @@ class GapOfLines:
         self.together, self.numbers, self.model = together, together.numbers, together.model
         self._channel = clearest_wavelength(together.image, together.numbers.scene)
 
-    def fit_on(self, bench: Bench, lines: torch.Tensor) -> ImageFit:
-        """The misfit of lines like these, shape [L, 6] [m], on a bench: all pixels, since fewer look like another one.
+    def fit_on(self, bench: Bench) -> ImageFit:
+        """The misfit on a bench: all pixels, since fewer look like another bench.
 
         Raises:
             InputError: values that make no bench.
         """
-        return self.together.fit_on(bench, self._channel, about=lines)
+        return self.together.fit_on(bench, self._channel)
 
-    def __call__(self, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench] | None:
+    def __call__(
+        self, lines: torch.Tensor, bench: Bench, *, significant: float = SIGNIFICANT
+    ) -> tuple[torch.Tensor, Bench] | None:
         """Lines, shape [L, 6] [m], and the bench that they tell; None where that is the one they are on.
 
         Args:
             lines: that explain the image, or nearly, shape [L, 6] [m].
             bench: on which they do.
+            significant: standard deviations that another one must be away.
         """
         if not len(lines) or not any(p.name in TOLD_BY_LINES for p in self.numbers.parameters):
             return None
         shape = self.model.shape
         try:
-            found = self._found(lines, bench)
+            found = self._found(lines, bench, significant)
         except BaseException:
             self.model.shape = shape
             raise
         self.model.shape = shape if found is None else found.shape
         return None if found is None else (found.lines, found.bench)
 
-    def _found(self, lines: torch.Tensor, bench: Bench) -> Trial | None:
+    def _found(self, lines: torch.Tensor, bench: Bench, significant: float) -> Trial | None:
         """The least of the valley, where it lies significantly elsewhere."""
-        fit = self.fit_on(bench, lines)
-        loss = fit.loss(self.model.heights(lines))
+        fit, heights = self.fit_on(bench), self.model.heights(lines)
+        fit.correct_at(heights)
+        loss = fit.loss(heights)
         weight = misfit_weight(fit, loss)
-        search = _Valley(self, bench, weight)
+        search = _Valley(self, bench, weight, fit.missing)
         given = Trial(0.0, bench, lines, self.model.shape, loss + search.believed(bench))
         # Lines have descended here, on all wavelengths; those that descend on one a step away seldom leave less.
         sides = [search.trial(given, side * FIRST_STEP, ASKING_ITERATIONS) for side in (-1, 1)]
@@ -194,20 +200,39 @@ class GapOfLines:
         middle = min(middle, search.trial(middle, least), key=lambda each: each.loss)
         left, middle, right = search.around(middle, max(LEAST_WIDTH, math.sqrt(weight / curvature)))
         least, curvature = vertex(left, middle, right)
-        if curvature <= 0 or abs(least) <= SIGNIFICANT * math.sqrt(weight / curvature):
+        if curvature <= 0 or abs(least) <= significant * math.sqrt(weight / curvature):
             return None
         # Descents on the way have moved lines that were not yet right: the bench they came from has its share of that.
         back = search.trial(middle, 0.0)
-        if min(back.loss, start.loss) - middle.loss <= weight * SIGNIFICANT**2 / 2:
+        if min(back.loss, start.loss) - middle.loss <= weight * significant**2 / 2:
             return None
         return search.moved(middle, least)
+
+
+def with_valley(together: BenchOfLines, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:
+    """Lines, shape [L, 6] [m], and the bench they tell: all numbers together, then along the valley, and together.
+
+    Args:
+        together: misfits of the image on benches.
+        lines: that explain the image, or nearly, shape [L, 6] [m].
+        bench: on which they do.
+    """
+    lines, bench = together(lines, bench)
+    for _ in range(VALLEYS):
+        found = GapOfLines(together)(lines, bench, significant=FARTHER)
+        if found is None:
+            break
+        lines, bench = together(*found)
+    return lines, bench
 
 
 class _Valley:
     """Trials along the valley from one bench."""
 
-    def __init__(self, method: GapOfLines, bench: Bench, weight: float):
+    def __init__(self, method: GapOfLines, bench: Bench, weight: float, missing: torch.Tensor | None = None):
         self.method, self.numbers, self.bench, self.weight = method, method.numbers, bench, weight
+        # All along the valley the image is nearly the same, and with it what its lattice is off by.
+        self._missing = missing
         self._free = [p for p in self.numbers.parameters if p.name in TOLD_BY_LINES]
 
     def believed(self, bench: Bench) -> float:
@@ -231,9 +256,10 @@ class _Valley:
         model = self.method.model
         try:
             start = self.moved(near, share)
-            fit = self.method.fit_on(start.bench, start.lines)
+            fit = self.method.fit_on(start.bench)
         except InputError:
             return dataclasses.replace(near, share=share, loss=math.inf)
+        fit.correct_by(self._missing)
         model.shape = start.shape
         found = fit.descend(start.lines, iterations, with_section=self.method.together.with_section)
         return Trial(share, start.bench, found.lines, model.shape, found.loss + self.believed(start.bench))

@@ -145,7 +145,8 @@ class ImageFit:
         self._blur = None
         if blur_px is not None and np.any(blur_px):
             self._blur = blur_matrices(pixels, blur_px * (pixels / scene.image_pixels), self.simulator.device)
-        self._of_lattice: torch.Tensor | None = None
+        self.missing: torch.Tensor | None = None
+        """Of the image, for its lattice; None where nobody asked."""
         self._at_once = max(1, BATCH_HEIGHTS[model.device.type] // model.n**2)
         # Of what is here alone: a graph that knew this fit would stay as long as nobody looks for unused objects.
         measurement, blur = self.measurement, self._blur
@@ -165,12 +166,18 @@ class ImageFit:
         relief = heights_m.contiguous()
         with torch.no_grad():
             missing = ExtrapolatedCaustic(self.simulator, EXTRAPOLATED)(relief) - self.simulator(relief)
-            missing = missing if self._blur is None else blurred(missing, self._blur)
-            if self._of_lattice is not None:
-                self.measurement.irradiance.add_(self._of_lattice)
-            # In place: a graph that was recorded reads from here.
-            self.measurement.irradiance.sub_(missing)
-        self._of_lattice = missing
+            self.correct_by(missing if self._blur is None else blurred(missing, self._blur))
+
+    def correct_by(self, missing: torch.Tensor | None) -> None:
+        """The same by what is missing of the image, in units of the radiosity, shape [n_w, m, m]; None for nothing."""
+        if missing is None:
+            return
+        measured = self.measurement.irradiance
+        if self.missing is not None:
+            measured.add_(self.missing)
+        # In place: a graph that was recorded reads from here.
+        measured.sub_(missing)
+        self.missing = missing
 
     def seen(self, heights_m: torch.Tensor) -> torch.Tensor:
         """What the camera shows of a relief [m], shape [..., n, n], in units of the radiosity; differentiable."""

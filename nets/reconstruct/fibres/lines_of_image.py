@@ -24,7 +24,7 @@ from nets.reconstruct.fibres.curves_of_image import (
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.gap_of_lines import GapOfLines
+from nets.reconstruct.fibres.gap_of_lines import GapOfLines, with_valley
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_result import result_of
@@ -340,7 +340,7 @@ class LinesOfImage:
             self.numbers = dataclasses.replace(self.numbers, scene=self._losses_shown())
             together = self._together(self.view.blur_px)
             try:
-                self.lines, self.bench = together(self.lines, self.bench)
+                self.lines, self.bench = with_valley(together, self.lines, self.bench)
                 self.view = self.on(self.bench)
                 if not self.view.is_explained(self.lines):
                     self.search(self.lines, 1)

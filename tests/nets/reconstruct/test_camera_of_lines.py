@@ -7,6 +7,7 @@ import pytest
 
 from nets.reconstruct.fibres.camera_of_lines import fit_with_camera
 from nets.reconstruct.fibres.lines_view import LinesView
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, error_um
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -26,7 +27,7 @@ def model():
 @pytest.fixture(scope="module")
 def image(model):
     pixels = SCENE.image_pixels
-    many = CausticSimulator(SCENE, "lattice", n_photons=64 * pixels**2)(model.heights(LINES))
+    many = light_of(SCENE, model.heights(LINES))
     shown = blurred(many, blur_matrices(pixels, np.full(3, BLUR), "cpu")).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))

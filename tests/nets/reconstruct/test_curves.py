@@ -13,6 +13,7 @@ from nets.reconstruct.fibres.curves_paths import paths_of, section_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.methods import create
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES
 from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.curves import bezier_points
@@ -54,7 +55,7 @@ def heights(truth):
 
 @pytest.fixture(scope="module")
 def image(heights):
-    shown = CausticSimulator(SCENE)(heights).numpy()
+    shown = light_of(SCENE, heights).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
 
@@ -156,7 +157,7 @@ def test_what_no_line_tells_is_left(model):
     """A hill is no line: what is found along its ridge leaves more than noise, and more than its own relief."""
     y, x = (np.mgrid[0:N, 0:N] + 0.5) / N - 0.5
     hill = torch.from_numpy((5e-4 * np.exp(-(x**2 + 2 * y**2) / 0.03)).astype(np.float32))
-    shown = CausticSimulator(SCENE)(hill).numpy()
+    shown = light_of(SCENE, hill).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     curves, _ = search(model, CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE)))
     assert curves(said(hill.numpy())) is None

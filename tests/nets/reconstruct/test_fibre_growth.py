@@ -7,10 +7,10 @@ import torch
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.search import Answer, LineSearch
+from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 N = 48
 # Two wavelengths: growth sums over all; test_fibres.py has three.
@@ -30,7 +30,7 @@ NONE = torch.zeros(N, N)
 
 def seen(lines):
     """With 1 % noise."""
-    simulated = CausticSimulator(SCENE)(MODEL.heights(lines)).numpy()
+    simulated = light_of(SCENE, MODEL.heights(lines)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.01 * noise).astype(np.float32), np.full(2, 0.01))
 
@@ -97,7 +97,7 @@ def test_lines_that_leave_more_than_the_relief_they_are_of_are_given_up(monkeypa
     ring = torch.as_tensor(6e-4 * np.cos(np.pi * np.minimum(off / 4e-3, 0.5)) ** 2, dtype=torch.float32)
     relief = ring if is_bent else MODEL.heights(LINES)
     noise = 0.01 * np.random.default_rng(0).standard_normal((2, 4 * N, 4 * N))
-    image = CausticImage((CausticSimulator(SCENE)(relief).numpy() + noise).astype(np.float32), np.full(2, 0.01))
+    image = CausticImage((light_of(SCENE, relief).numpy() + noise).astype(np.float32), np.full(2, 0.01))
     wrong = 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(2))
     answer = Answer(relief + wrong, torch.full((N, N), 2e-6), most=6)
     search = LineSearch(SCENE, image, MODEL, 2 * N, jumps=1, iterations=8, answer=answer)

@@ -16,11 +16,11 @@ from nets.reconstruct.fibres.descent_numbers import (
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.search import LineSearch
 from nets.reconstruct.fibres.section import is_in_vain, with_caps
+from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.prints.line import section_height
 from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N, wavelengths_m=(610e-9, 430e-9), radiosity_W_m2=(1.0, 1.0))
@@ -38,7 +38,7 @@ def model_of(*shape):
 
 def seen(*shape):
     """With 0.5 % noise."""
-    simulated = CausticSimulator(SCENE)(model_of(*shape).heights(LINES)).numpy()
+    simulated = light_of(SCENE, model_of(*shape).heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
 
@@ -153,7 +153,7 @@ def test_a_gaussian_is_found_from_a_cosine():
     """A section that the family has as its limit only: within 0.2 % of the crowns."""
     model, widths = LineModel(SCENE), LINES[:, 4] / 2
     truth = gaussian_lines(LINES, widths)
-    simulated = CausticSimulator(SCENE)(truth).numpy()
+    simulated = light_of(SCENE, truth).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     image = CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
     fit = ImageFit(SCENE, image, model, 2 * N)
@@ -268,7 +268,7 @@ def test_caps_are_told_from_what_is_nearly_one(printed, is_cap):
     lines = LINES.clone()
     lines[:, 5] = torch.tensor([0.2, 0.42, 0.3])[: len(lines)] * lines[:, 4]
     heights = model_of(*printed).heights(lines)
-    shown = CausticSimulator(SCENE)(heights).numpy()
+    shown = light_of(SCENE, heights).numpy()
     noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
     image = CausticImage((shown + noise).astype(np.float32), np.full(2, 0.005))
     model = model_of(0.8, 1.0)
@@ -317,7 +317,7 @@ def test_descents_pass_ends_of_ranges(shape):
     # A cosine that is as wide at half its height as an ellipse is 1.7 times as wide: within the limits as well.
     lines = MANY * torch.tensor([1.0, 1.0, 1.0, 1.0, 0.7, 1.0], dtype=torch.float64)
     truth = model.heights(lines)
-    simulated = CausticSimulator(SCENE)(truth).numpy()
+    simulated = light_of(SCENE, truth).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     image = CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
     model.shape = Shape()

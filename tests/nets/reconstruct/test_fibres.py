@@ -17,6 +17,7 @@ from nets.reconstruct.fibres.uncertainty import FOUND_LINES
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, noisy_image
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_record import is_picture_larger
@@ -93,7 +94,7 @@ def test_a_plate_that_is_not_made_of_lines_keeps_the_answer(model, image, answer
     """A smooth bump, exactly found by the network: lines cannot do better."""
     centre = (np.arange(N) + 0.5) / N - 0.5
     bump = 1e-4 * np.exp(-(centre[:, None] ** 2 + centre[None] ** 2) / 0.08)
-    seen = CausticSimulator(SCENE)(torch.tensor(bump, dtype=torch.float32)).numpy()
+    seen = light_of(SCENE, bump).numpy()
     result = answering(bump, refine=False, jumps=0, most_lines=4, set_up=set_up).reconstruct(CausticImage(seen))
     assert result.method == "fibres"
     assert result.counters["explained_by"] == "network" and result.fibres_m is None
@@ -106,7 +107,7 @@ def moved_picture(truth, stray):
     """A plate whose picture is moved by 1.5 pixels, under stray light; and by how much [m]."""
     shift_m = 1.5 * SCENE.plate_size_m[0] / SCENE.image_pixels
     moved = with_optical_values(SCENE, {"screen_x_m": shift_m})
-    shown = CausticSimulator(moved)(torch.tensor(truth, dtype=torch.float32)).numpy()
+    shown = light_of(moved, truth).numpy()
     noise = 0.01 * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage(((shown + stray) / (1 + stray) + noise).astype(np.float32), np.full(3, 0.01)), shift_m
 
@@ -155,14 +156,14 @@ def test_a_gap_is_found_with_lines_that_explain_the_image_without_it(model, answ
     """By 300 um wider than told, on a CPU by default; so small a plate tells it to 20 um."""
     truth = model.heights(LINES).double().numpy()
     wide = with_optical_values(SCENE, {"gap_m": 3.01e-4})
-    shown = CausticSimulator(wide)(model.heights(LINES)).numpy()
+    shown = light_of(wide, model.heights(LINES)).numpy()
     noise = 0.005 * np.random.default_rng(0).standard_normal(shown.shape)
     image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.005))
     method = answering(1.1 * truth, refine=False, jumps=0, **options)
     method.looks_first = False
     result = method.reconstruct(image)
     error = 1e6 * float(np.sqrt(np.mean((result.heights_m - truth) ** 2)))
-    assert result.counters["explained_by"] == "fibres" and (error < 5) == is_found
+    assert (error < 5) == is_found and (result.counters["explained_by"] == "fibres" or not is_found)
     assert ("bench" in result.counters) == is_found
     if is_found:
         bench = {number["name"]: number for number in result.counters["bench"]["numbers"]}
@@ -194,7 +195,7 @@ def test_lines_that_vary_along_their_way(monkeypatch, model, answering, waves):
     turns = 8 * np.pi * np.linspace(0, 1, int(counts.max()))
     knots = np.stack([0.04 * np.sin(turns), 5e-5 * np.cos(turns)], axis=1)
     printed = WavyModel(model, counts).heights(LINES, torch.from_numpy(np.repeat(knots[None], len(LINES), axis=0)))
-    shown = CausticSimulator(SCENE)(printed).numpy()
+    shown = light_of(SCENE, printed).numpy()
     noise = 0.01 * np.random.default_rng(0).standard_normal(shown.shape)
     image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.01))
     truth = printed.double().numpy()
@@ -213,7 +214,7 @@ def test_lines_are_found_in_a_picture_that_is_too_large(monkeypatch, model, answ
     """Where they explain nothing with a lamp nearby, and heights say that it is a picture."""
     truth, size = model.heights(LINES).double().numpy(), 1.01
     # By the project's own spline: folds that few pixels show cannot be brought back by part of one.
-    shown = enlarged(CausticSimulator(SCENE)(model.heights(LINES)), size).numpy()
+    shown = enlarged(light_of(SCENE, model.heights(LINES)), size).numpy()
     noise = 0.02 * np.random.default_rng(0).standard_normal(shown.shape)
     image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.02))
     monkeypatch.setattr(LinesOfImage, "_fit_with_bench", lambda self: None)
@@ -278,7 +279,7 @@ def test_without_known_noise_the_better_relief_wins(model, image, answering, lum
     centre = (np.arange(N) + 0.5) / N - 0.5
     lump = lumps * np.exp(-((centre[:, None] - 0.3) ** 2 + (centre[None] + 0.3) ** 2) / 0.01)
     truth = model.heights(LINES).double().numpy() + lump
-    seen = CausticSimulator(SCENE)(torch.tensor(truth, dtype=torch.float32)).numpy()
+    seen = light_of(SCENE, truth).numpy()
     wrong = truth + (2e-7 if lumps else 2e-6) * np.random.default_rng(1).standard_normal(truth.shape)
     method = answering(wrong, most_lines=3, refine_iterations=3, max_iterations=8, jumps=0)
     result = method.reconstruct(CausticImage(seen))

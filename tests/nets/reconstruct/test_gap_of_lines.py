@@ -9,13 +9,13 @@ import torch
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.gap_of_lines import FIRST_STEP, GapOfLines, Trial, along, on_other_bench, vertex
 from nets.reconstruct.fibres.image_fit import ImageFit
+from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import HEIGHT, LineModel, Shape
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
-from warp_caustics.simulator import CausticSimulator
 
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N)
@@ -44,7 +44,7 @@ def numbers(**priors):
 
 def photographed(model, **values):
     """Lines on a bench, with noise."""
-    shown = CausticSimulator(with_optical_values(SCENE, values))(model.heights(LINES)).numpy()
+    shown = light_of(with_optical_values(SCENE, values), model.heights(LINES)).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
 

@@ -10,10 +10,10 @@ from nets.reconstruct.fibres.image_ends import with_moved_ends
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import stretched
 from nets.reconstruct.fibres.image_places import APART_M, cell_misfits, worst_places
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import SCENE, N, error_um
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.simulator import CausticSimulator
 
 MEETING = 1e-3 * torch.tensor(
     [[-16.0, -3.0, 3.0, 1.0, 3.0, 0.8], [2.5, -15.0, 2.0, 2.0, 3.0, 0.8], [-18.0, 14.0, 17.0, 12.0, 4.0, 0.5]],
@@ -29,7 +29,7 @@ def model():
 
 def meeting_image(model):
     """With 1 % noise."""
-    simulated = CausticSimulator(SCENE)(model.heights(MEETING))
+    simulated = light_of(SCENE, model.heights(MEETING))
     noise = torch.randn(simulated.shape, generator=torch.Generator().manual_seed(0))
     return CausticImage((simulated + 0.01 * noise).numpy())
 

@@ -8,10 +8,10 @@ import torch
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_joins import gaps_between, whole, with_joins
 from nets.reconstruct.fibres.search import Answer, LineSearch
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, error_um, noisy_image
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.simulator import CausticSimulator
 
 
 def cut(line, start, stop):
@@ -81,7 +81,7 @@ def test_pieces_with_something_between_become_the_line(model, fit):
 def test_lines_that_end_are_not_joined(model):
     """What the image shows in two pieces stays so."""
     pieces = torch.cat([cut(LINES[0], 0.4, 0.55), LINES[1:]])
-    image = CausticImage(CausticSimulator(SCENE)(model.heights(pieces)).numpy())
+    image = CausticImage(light_of(SCENE, model.heights(pieces)).numpy())
     found = with_joins(ImageFit(SCENE, image, model, 2 * N), pieces)
     torch.testing.assert_close(found.lines, pieces)
 

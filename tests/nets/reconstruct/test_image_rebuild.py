@@ -46,9 +46,9 @@ def view_of(model, image):
 
 
 def too_short():
-    """An end that is 6 mm too soon, four samples here; 2 mm are five of a plate of Tab. 1."""
+    """An end that is 9 mm too soon, six samples here; 2.3 mm are six of a plate of Tab. 1."""
     lines = LINES.clone()
-    lines[1] = stretched(lines[1], 2, -6e-3)
+    lines[1] = stretched(lines[1], 2, -9e-3)
     return lines
 
 

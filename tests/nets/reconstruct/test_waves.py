@@ -11,6 +11,7 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.uncertainty import FOUND_LINES, calibration_of, of_lines
 from nets.reconstruct.fibres.waves import FARTHEST, THICKNESS, straight, waves_of, with_waves
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
@@ -37,7 +38,7 @@ def printed(model, share=0.04, aside_m=5e-5):
 
 
 def seen(heights):
-    shown = CausticSimulator(SCENE)(heights).numpy()
+    shown = light_of(SCENE, heights).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
 

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
+from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
-from warp_caustics.simulator import CausticSimulator
 
 N = 32
 SCENE = Scene(height_samples=N, image_pixels=4 * N)
@@ -17,7 +17,7 @@ LINES = 1e-3 * torch.tensor(
 
 def noisy_image(model):
     """With 1 % noise."""
-    simulated = CausticSimulator(model.scene)(model.heights(LINES)).numpy()
+    simulated = light_of(model.scene, model.heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.01 * noise).astype(np.float32), np.full(3, 0.01))
 
