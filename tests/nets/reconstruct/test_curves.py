@@ -16,7 +16,7 @@ from nets.reconstruct.methods import create
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES
 from warp_caustics.prints.chain_model import ChainModel
-from warp_caustics.prints.curves import bezier_points
+from warp_caustics.prints.curves import bezier_points, ring_points
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.paths import paths_relief, uniform_path
 from warp_caustics.prints.smooth_chains import Track, track_through
@@ -124,6 +124,23 @@ def test_lines_are_found_in_the_ridges_of_a_result(model, truth, heights, image)
     assert found is not None and found.record["lines"] == 2
     before, after = error_um(torch.from_numpy(rough), heights), error_um(found.heights, heights)
     assert after < 0.3 * before and view.is_relief_explained(view.glass(found.heights))
+
+
+@pytest.mark.parametrize("is_ring", [True, False])
+def test_a_ring_that_is_told_in_part_is_one_where_the_image_says_so(model, is_ring):
+    """Three quarters of a ring: the image shows whether the rest was printed."""
+    points = ring_points((0.05 * PLATE, -0.02 * PLATE), 0.28 * PLATE)[:-1]
+    part = points[: 3 * len(points) // 4]
+    size = np.array([[0.045 * PLATE, 0.008 * PLATE]])
+    told = CurvedLines([track_through(part, node_m=PLATE / 20)], size)
+    true = CurvedLines([track_through(points, is_closed=True, node_m=PLATE / 20)], size) if is_ring else told
+    relief = curved_heights(ChainModel(model), true)
+    image = CausticImage(light_of(SCENE, relief).numpy(), np.full(3, NOISE))
+    curves, _ = search(model, image)
+    lines, loss = curves._fitted(told)
+    found, left = curves._round(lines, loss)
+    assert [track.is_closed for track in found.tracks] == [is_ring]
+    assert left < 0.1 * loss if is_ring else (found is lines and left == loss)
 
 
 def test_the_method_finds_them(monkeypatch, saved, heights, image):

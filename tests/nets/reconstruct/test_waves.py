@@ -9,7 +9,7 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.uncertainty import FOUND_LINES, calibration_of, of_lines
+from nets.reconstruct.fibres.uncertainty import COSINE_LINES, FOUND_LINES, calibration_of, of_lines
 from nets.reconstruct.fibres.waves import FARTHEST, THICKNESS, straight, waves_of, with_waves
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N
@@ -113,7 +113,9 @@ def test_what_varies_is_told_of_the_knots_that_there_are(model):
 
 def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     """The more numbers a section has, the less is known: waves most of all."""
-    plain = calibration_of(Shape(), has_waves=False)
+    plain = calibration_of(Shape(0.9), has_waves=False)
+    usual = calibration_of(Shape(), has_waves=False)
+    assert usual == COSINE_LINES and usual.scale_m < plain.scale_m
     assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == FOUND_LINES
     thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0)))
     assert thick == calibration_of(Shape(), has_waves=False, has_curves=True)
