@@ -31,8 +31,8 @@ class ExtrapolatedCaustic:
             raise InputError(f"photons of placement {simulator.plan.placement!r} are no lattice, which has this error")
         if times < 2:
             raise InputError(f"times {times} is below 2; an extrapolation needs more photons than there are")
-        self._coarse = simulator if times == 2 else _with_photons(simulator, times * simulator.n_photons // 2)
-        self._fine = _with_photons(simulator, times * simulator.n_photons)
+        self._coarse = simulator if times == 2 else with_photons(simulator, times * simulator.n_photons // 2)
+        self._fine = with_photons(simulator, times * simulator.n_photons)
 
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
@@ -41,7 +41,7 @@ class ExtrapolatedCaustic:
         return caustic
 
 
-def _with_photons(simulator: CausticSimulator, n_photons: int) -> CausticSimulator:
+def with_photons(simulator: CausticSimulator, n_photons: int) -> CausticSimulator:
     """The same scene and footprints, on another lattice."""
     return CausticSimulator(
         simulator.scene,

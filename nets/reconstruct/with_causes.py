@@ -23,6 +23,8 @@ def with_causes(
     simulator: CausticSimulator,
     numbers: BenchNumbers | None,
     answer: FloatArray | None = None,
+    *,
+    is_exact: bool = False,
 ) -> Reconstruction:
     """The result with ``counters["rest"]``; as it is where the image's noise cannot be told.
 
@@ -34,6 +36,7 @@ def with_causes(
         simulator: of the bench as it is told, or as it was found.
         numbers: of that scene; None where it was found in the image, and is not asked again.
         answer: heights before they were refined, which have made up for less of the bench [m], shape [n, n].
+        is_exact: they were found without the error of a usual lattice, and are looked at without it.
     """
     if numbers is not None and found.counters.get("bench", {}).get("is_kept"):
         return found
@@ -45,6 +48,8 @@ def with_causes(
     else:
         seen = Resimulation(simulator, image).exposed(found.heights_m)
     seen = seen.through(camera)
+    if is_exact:
+        seen = seen.finer()
     found_at = None if found.trust is None else found.trust.pixels
     rest = seen.rest(found.heights_m, found_at)
     if rest is None:

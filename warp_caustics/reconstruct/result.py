@@ -1,5 +1,6 @@
 """The result of a reconstruction: its caustic simulated again, what that leaves of the image, and where light went."""
 
+import copy
 import dataclasses
 import functools
 import time
@@ -12,7 +13,7 @@ import torch
 
 from warp_caustics.data_gradient import possible_heights
 from warp_caustics.energy import energy_budget
-from warp_caustics.extrapolated import ExtrapolatedCaustic
+from warp_caustics.extrapolated import ExtrapolatedCaustic, with_photons
 from warp_caustics.fold_fraction import fold_fraction
 from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
@@ -37,6 +38,8 @@ NO_SPREAD = "this method finds one relief, and nothing that tells how far from i
 
 EXTRAPOLATED = 8
 """Times as many photons as a usual lattice tell its error."""
+FINER, MOST_PHOTONS = 16, 30_000_000
+"""Times as many photons show heights that are right to that lattice's own error, but no more than so many."""
 
 
 class Resimulated(NamedTuple):
@@ -167,15 +170,7 @@ class Resimulation:
 
     def _seen_by_half(self, heights: FloatArray) -> torch.Tensor:
         """As the camera sees what half as many photons give, in units of the radiosity."""
-        scene, simulator = self.simulator.scene, self.simulator
-        half = CausticSimulator(
-            scene,
-            "lattice",
-            n_photons=max(1, simulator.n_photons // 2),
-            smoothing=simulator.smoothing,
-            profile=simulator.profile,
-            device=simulator.device,
-        )
+        half = with_photons(self.simulator, max(1, self.simulator.n_photons // 2))
         with torch.no_grad():
             return self._by_camera(half(self.relief(heights)))
 
@@ -230,6 +225,17 @@ class Resimulation:
         if not is_exposure(ratio, least):
             return self
         return Resimulation(self.simulator, self._given, self.exposure * ratio)
+
+    def finer(self) -> "Resimulation":
+        """The same by more photons, without most of a usual lattice's error: for heights that were found without."""
+        simulator = self.simulator
+        n_photons = min(FINER * simulator.n_photons, MOST_PHOTONS)
+        if n_photons <= simulator.n_photons:
+            return self
+        seen = copy.copy(self)
+        seen.simulator = with_photons(simulator, n_photons)
+        seen._known = []
+        return seen
 
     def relief(self, heights: FloatArray) -> torch.Tensor:
         """Heights as the simulator takes them."""

@@ -77,9 +77,11 @@ def result_of(run: Run) -> Reconstruction:
         places = view.discrepancy.places(heights) if is_noise_left else None
         of = calibration_of(run.model.shape, has_waves=run.waves is not None, has_curves=run.curves is not None)
         uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
+    # Lines that leave nothing but noise were found without the lattice's own error, and are shown without it.
+    shown = view.resimulation.finer() if run.takes_lines and is_noise_left else view.resimulation
     result = network_result(
         method.name,
-        view.resimulation,
+        shown,
         heights,
         reason=run.reason,
         history=run.log.history,

@@ -153,7 +153,8 @@ class Fibres(Reconstructor):
         """With what it knows of itself, on the user's grid."""
         if self.options.causes and found.stop_reason != "interrupted":
             numbers = None if found.counters.get("bench", {}).get("is_kept") else self.network.numbers
-            found = with_causes(found, *run.shown_to(found), numbers)
+            is_exact = run.takes_lines and run.is_noise_left
+            found = with_causes(found, *run.shown_to(found), numbers, is_exact=is_exact)
         if self.options.bench_uncertainty:
             counted = () if run.covariance is None else run.numbers.names
             found = with_bench(found, self.network.numbers, counted, self.options.flatness_m)

@@ -5,6 +5,8 @@ import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene
+from warp_caustics.extrapolated import ExtrapolatedCaustic
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation, as_glass, make_result
 
@@ -133,3 +135,19 @@ def test_the_version_is_that_of_the_project():
 
     project = tomllib.loads((Path(warp_caustics.__file__).parents[1] / "pyproject.toml").read_text())["project"]
     assert warp_caustics.__version__ == project["version"]
+
+
+def test_more_photons_show_heights_without_the_error_of_few():
+    """Of an image of exact light the true heights leave a small part of what they leave beside a usual lattice."""
+    scene = Scene(height_samples=48, image_pixels=192)
+    lines = 1e-3 * torch.tensor([[-15.0, -12.0, 14.0, 9.0, 4.0, 0.7], [-9.0, 15.0, 10.0, -16.0, 3.2, 0.9]]).double()
+    heights = LineModel(scene).heights(lines)
+    image = CausticImage(ExtrapolatedCaustic(CausticSimulator(scene), 32)(heights).numpy())
+    plain = Resimulation(CausticSimulator(scene), image)
+    finer = plain.finer()
+    assert finer.simulator.n_photons == 16 * plain.simulator.n_photons
+    found = heights.double().numpy()
+    assert finer(found).residual < 0.15 * plain(found).residual
+    assert finer.camera == plain.camera and plain.finer().simulator is not plain.simulator
+    many = Resimulation(CausticSimulator(scene, n_photons=40_000_000), image)
+    assert many.finer() is many, "no more than can be waited for"
