@@ -106,4 +106,6 @@ def result_of(run: Run) -> Reconstruction:
     result = dataclasses.replace(result, fibres_m=fibres, paths=paths)
     if fibres is None or not (method.options.samples and run.reason == "converged"):
         return result
-    return with_line_samples(result, method.options.samples, view, run.lines, run.covariance)
+    # Samples are compared with the result by the same photons.
+    same = LinesView(shown, run.model)
+    return with_line_samples(result, method.options.samples, same, run.lines, run.covariance)
