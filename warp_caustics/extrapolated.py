@@ -50,4 +50,5 @@ def with_photons(simulator: CausticSimulator, n_photons: int) -> CausticSimulato
         smoothing=simulator.smoothing,
         profile=simulator.profile,
         device=simulator.device,
+        dtype=simulator.dtype,
     )

@@ -42,6 +42,11 @@ def test_light_is_kept_and_a_flat_plate_is_even():
     np.testing.assert_allclose(flat.numpy(), 1.0, atol=2e-3)
 
 
+def test_numbers_stay_as_precise():
+    simulator = CausticSimulator(SCENE, "lattice", n_photons=PIXELS, dtype=torch.float64)
+    assert ExtrapolatedCaustic(simulator)(torch.zeros(48, 48).double()).dtype == torch.float64
+
+
 def test_other_photons_and_no_more_of_them_are_refused():
     with pytest.raises(InputError, match="random"):
         ExtrapolatedCaustic(CausticSimulator(SCENE, "lattice", placement="random", n_photons=1000))

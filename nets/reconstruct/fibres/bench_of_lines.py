@@ -18,14 +18,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.image_fit import (
-    FINE_PHOTONS_PER_PIXEL,
-    METRIC_PHOTONS_PER_PIXEL,
-    Beside,
-    ImageFit,
-    of_wavelength,
-)
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, joint_covariance, misfit_weight
+from nets.reconstruct.fibres.one_wavelength import of_wavelength
 from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
@@ -289,6 +284,7 @@ class BenchOfLines:
             fit.correct_at(heights)
             loss = fit.loss(heights)
             moved, beside, sigma = self._descended(fit, lines, bench, loss)
+            section = self.model.shape
             for part in PARTS:
                 trial = self._moved(bench, part * beside, sigma)
                 nearer = self.model.clamped(lines + part * (moved - lines))
@@ -297,6 +293,7 @@ class BenchOfLines:
                 except InputError:
                     continue
                 on_trial.correct_by(fit.missing)
+                self.model.shape = section
                 # What lines and bench change together is in no linear image of both.
                 settled = on_trial.descend(nearer, SETTLING, with_section=self.with_section)
                 nearer, found = settled.lines, settled.loss

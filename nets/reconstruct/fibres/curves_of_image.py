@@ -13,8 +13,9 @@ from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.descent_numbers import reshaped_widths
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.starting_lines import MANY, WELL_TOLD
 from nets.reconstruct.fibres.waves import noise_of
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION

@@ -21,8 +21,9 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench_of_lines import TOLD_BY_LINES, Bench, BenchOfLines
-from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength
+from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import misfit_weight
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import SIGNIFICANT

@@ -8,19 +8,13 @@ import torch
 
 from nets.reconstruct.fibres.image_ends import with_moved_ends
 from nets.reconstruct.fibres.image_exchange import exchanged
-from nets.reconstruct.fibres.image_fit import (
-    FINE_PHOTONS_PER_PIXEL,
-    METRIC_PHOTONS_PER_PIXEL,
-    Fitted,
-    ImageFit,
-    clearest_wavelength,
-    of_wavelength,
-)
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Fitted, ImageFit
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.image_rebuild import rebuilt
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.section import with_caps, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel

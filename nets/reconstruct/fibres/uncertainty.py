@@ -50,7 +50,7 @@ each. Errors have longer tails than a normal distribution: what covers two third
 The covariance of the lines, scaled alike, fits single plates no better (docs/trust.md)."""
 COSINE_LINES = DesignCalibration(scale_m=0.12e-6, power=0.5, floor_m=0.03e-6)
 """The same of lines of the usual section that add up where they cross, none of whose numbers was found with them, since
-they are fitted without the lattice's own error: on four own plates 86 to 100 % of the points with relief lie within one
+they are fitted without the lattice's own error: on four own plates 84 to 100 % of the points with relief lie within one
 sigma, 98 to 100 % within two."""
 SHAPED_LINES = DesignCalibration(scale_m=0.7e-6, power=0.5, floor_m=0.1e-6)
 """The same of lines with thicker ends, or with tails: on eight own plates 41 to 82 % of the points with relief lie

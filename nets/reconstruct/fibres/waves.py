@@ -12,8 +12,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from warp_caustics.prints.model import LINE_COLUMNS, LineModel
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage

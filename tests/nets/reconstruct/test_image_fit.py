@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.image_fit import ImageFit, clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, error_um, noisy_image
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
