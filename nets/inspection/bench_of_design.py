@@ -22,6 +22,7 @@ from warp_caustics.found_bench.bench_record import FoundBench
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -85,11 +86,11 @@ def bench_of_design(
     numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
     best, at, view = None, Bench.told(numbers), told
     for _ in range(ROUNDS):
-        image, blur_px = seen_on(told.image, numbers, at), view.blur_px
-        lossy = with_losses(view.scene, partial(_misfit, image, lines, told, blur_px), both=True)
+        image, camera = seen_on(told.image, numbers, at), view.camera
+        lossy = with_losses(view.scene, partial(_misfit, image, lines, told, camera), both=True)
         numbers = dataclasses.replace(numbers, scene=numbers.scene.model_copy(update=effects_of(lossy)))
         pixels = usual_pixels(told.scene)
-        together = BenchOfLines(numbers, told.image, told.model, pixels, blur_px, report=report)
+        together = BenchOfLines(numbers, told.image, told.model, pixels, camera, report=report)
         moved, at = together(lines, at)
         try:
             found = _on(at, numbers, moved, told, measured)
@@ -107,9 +108,9 @@ def bench_of_design(
     return best
 
 
-def _misfit(image: CausticImage, lines: torch.Tensor, told: LinesView, blur_px: FloatArray, scene: Scene) -> float:
+def _misfit(image: CausticImage, lines: torch.Tensor, told: LinesView, camera: ChannelCamera, scene: Scene) -> float:
     """Of lines in a scene, at its exposure."""
-    fit = ImageFit(scene, image, told.model, scene.image_pixels, blur_px=blur_px)
+    fit = ImageFit(scene, image, told.model, scene.image_pixels, camera=camera)
     return fit.loss(told.model.heights(lines), at_exposure=True)
 
 

@@ -114,9 +114,7 @@ class LineCandidates:
             answer: what a network says of the relief, which tells where other lines may be; None asks for none.
         """
         jumps = 0 if self.designed else jumps
-        search = LineSearch(
-            view.scene, view.image, self.model, pixels, jumps=jumps, report=report, blur_px=view.blur_px
-        )
+        search = LineSearch(view.scene, view.image, self.model, pixels, jumps=jumps, report=report, camera=view.camera)
         lines = search.run(self.model.clamped(start))
         if not self.designed or answer is None or view.is_explained(lines):
             return lines

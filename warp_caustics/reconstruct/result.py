@@ -26,6 +26,8 @@ from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_toge
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.channel_registration import registered
 from warp_caustics.reconstruct.seen_camera.mosaic_registration import registered_through_filters
+from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
+from warp_caustics.reconstruct.seen_camera.spread_estimate import equal_blur_px, found_spread
 from warp_caustics.reconstruct.trust import Seen, Trust, image_trust, seen_by_camera
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
@@ -82,16 +84,35 @@ class Resimulation:
         self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
         self.mosaic = pattern_of(image.own) if image.is_mosaic and image.own is not None else None
         self._blur: torch.Tensor | None = None
+        self._fine = FineLight(simulator)
+        self._known_spread: list[tuple[FloatArray, bool, torch.Tensor]] = []
 
     def __call__(self, heights: FloatArray) -> Resimulated:
         """Of a relief [m], shape [n, n]; an array that was asked for lately is not simulated again."""
-        simulated = self._simulated(heights)
-        return Resimulated(simulated, self.measurement.relative_residual(self._by_camera(simulated)))
+        return Resimulated(self._simulated(heights), self.measurement.relative_residual(self._seen(heights)))
 
-    def _by_camera(self, simulated: torch.Tensor) -> torch.Tensor:
-        """A caustic [W/m^2], shape [n_w, m, m], as the camera sees it, in units of the radiosity."""
-        seen = simulated / self._radiosity
+    def _seen(self, heights: FloatArray, *, by_half: bool = False) -> torch.Tensor:
+        """As the camera sees a relief, by all photons or half of them, in units of the radiosity, shape [n_w, m, m]."""
+        if self.camera.spread is not None:
+            return self._spread(heights, by_half)
+        if by_half:
+            half = with_photons(self.simulator, max(1, self.simulator.n_photons // 2))
+            with torch.no_grad():
+                seen = half(self.relief(heights)) / self._radiosity
+        else:
+            seen = self._simulated(heights) / self._radiosity
         return seen if self._blur is None else blurred(seen, self._blur)
+
+    def _spread(self, heights: FloatArray, by_half: bool) -> torch.Tensor:
+        """The same by the camera's point spread."""
+        for known, halved, seen in self._known_spread:
+            if known is heights and halved == by_half:
+                return seen
+        assert self.camera.spread is not None
+        light = self._fine.plain(self.relief(heights), by_half=by_half)
+        seen = self.camera.spread(light, self.simulator.scene.image_pixels) / self._radiosity
+        self._known_spread[:] = [*self._known_spread[1 - self.REMEMBERED :], (heights, by_half, seen)]
+        return seen
 
     def trust(self, heights: FloatArray, found_at: int | None = None) -> Trust:
         """How far a relief is to be believed; noise that is not known is estimated.
@@ -153,9 +174,9 @@ class Resimulation:
             image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
         pixels = judged_pixels(scene, found_at)
         measurement = measurement_at(image, scene, pixels, self.simulator.device)
-        seen = self._by_camera(self._simulated(heights))
+        seen = self._seen(heights)
         if pixels == scene.image_pixels:
-            return measurement, Seen(seen, self._seen_by_half(heights))
+            return measurement, Seen(seen, self._seen(heights, by_half=True))
         means = torch.nn.functional.avg_pool2d(seen, scene.image_pixels // pixels)
         return measurement, Seen(means, self._seen_at(heights, pixels))
 
@@ -167,12 +188,6 @@ class Resimulation:
         if not self.camera.blurs:
             return seen
         return blurred(seen, blur_matrices(pixels, self.camera.blur_at(pixels), device))
-
-    def _seen_by_half(self, heights: FloatArray) -> torch.Tensor:
-        """As the camera sees what half as many photons give, in units of the radiosity."""
-        half = with_photons(self.simulator, max(1, self.simulator.n_photons // 2))
-        with torch.no_grad():
-            return self._by_camera(half(self.relief(heights)))
 
     def _simulated(self, heights: FloatArray) -> torch.Tensor:
         for known, simulated in self._known:
@@ -197,6 +212,19 @@ class Resimulation:
             return registered_through_filters(self._pictured, simulated, self.image.own)
         return registered(self.measurement, simulated)
 
+    def with_spread(self, heights: FloatArray) -> ChannelCamera:
+        """The same camera with the point spread that a relief tells which is right but for micrometres [m].
+
+        Args:
+            heights: relief, shape [n, n].
+        """
+        relief = self.relief(heights)
+        fine = self._fine(relief) / self._radiosity
+        spread = found_spread(self.measurement, fine, self.camera)
+        sharp = torch.nn.functional.avg_pool2d(fine, fine.shape[-1] // self.camera.pixels)
+        blur = equal_blur_px(sharp, spread(fine, self.camera.pixels))
+        return dataclasses.replace(self.camera, spread=spread, blur=blur)
+
     def through(self, camera: ChannelCamera) -> "Resimulation":
         """The same with a camera: the image with its channels together, residuals of blurred caustics.
 
@@ -207,9 +235,14 @@ class Resimulation:
         device = self.simulator.device
         image = channels_together(self.image, camera, device) if camera.displaces else self.image
         seen = Resimulation(self.simulator, image)
-        seen.exposure, seen.camera, seen._known, seen.mosaic = self.exposure, camera, self._known, self.mosaic
-        if camera.blurs:
-            seen._blur = blur_matrices(camera.pixels, camera.blur, device)
+        seen.exposure, seen._known, seen.mosaic = self.exposure, self._known, self.mosaic
+        return seen.blurred_by(camera)
+
+    def blurred_by(self, camera: ChannelCamera) -> "Resimulation":
+        """The same image, whose channels lie together, with a camera's blur or point spread in place of that so far."""
+        seen = copy.copy(self)
+        seen.camera, seen._known_spread = camera, []
+        seen._blur = blur_matrices(camera.pixels, camera.blur, self.simulator.device) if camera.blurs else None
         return seen
 
     def exposed(self, heights: FloatArray | None = None, least: float = LEAST_EXPOSURE_ERROR) -> "Resimulation":

@@ -32,6 +32,7 @@ from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
 from warp_caustics.reconstruct.seen_camera.aligned_channels import of_size
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -217,7 +218,7 @@ class BenchOfLines:
         model: renders lines.
         few: size of the image for the metric of descents; all else is at all pixels: fewer ones, simulated as such, are
             not quite the means of many, which looks like another bench (gap 30 um, lamp at 8 m).
-        blur_px: standard deviation of the camera's blur [px], shape [n_w].
+        camera: that took it.
         with_section: the model's section is found with them.
         report: called after each evaluation with its loss; may raise.
     """
@@ -228,15 +229,15 @@ class BenchOfLines:
         image: CausticImage,
         model: LineModel,
         few: int,
-        blur_px: FloatArray,
+        camera: ChannelCamera,
         *,
         with_section: bool = False,
         report: Callable[[float], None] | None = None,
     ):
-        self.numbers, self.image, self.model, self.few, self.blur_px = numbers, image, model, few, blur_px
+        self.numbers, self.image, self.model, self.few, self.camera = numbers, image, model, few, camera
         self.with_section, self.report = with_section, report
         scene, pixels = numbers.scene, numbers.scene.image_pixels
-        blur = blur_matrices(pixels, blur_px, model.device) if np.any(blur_px) else None
+        blur = blur_matrices(pixels, camera.blur, model.device) if np.any(camera.blur) else None
         self._model = BenchModel(numbers, pixels, model.device, blur)
         self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
         self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
@@ -254,13 +255,11 @@ class BenchOfLines:
             InputError: values that make no bench.
         """
         scene, image = self.numbers.scene_of(bench.values), seen_on(self.image, self.numbers, bench)
-        blur_px = self.blur_px
+        camera = self.camera
         if channel is not None:
             image, scene = of_wavelength(image, scene, channel)
-            blur_px = blur_px[[channel]]
-        metric = ImageFit(
-            scene, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=blur_px
-        )
+            camera = camera.of_channel(channel)
+        metric = ImageFit(scene, image, self.model, self.few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
         fit = ImageFit(
             scene,
             image,
@@ -269,7 +268,7 @@ class BenchOfLines:
             photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
             report=self.report,
             metric=metric,
-            blur_px=blur_px,
+            camera=camera,
         )
         if about is not None:
             fit.correct_at(self.model.heights(about))

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import torch
 
 from nets.reconstruct.direct import Direct
+from nets.reconstruct.fibres.camera_of_lines import SPREAD_GAIN, SPREAD_ROUNDS, spread_asked
 from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.descent_numbers import reshaped_widths
+from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -30,6 +32,7 @@ from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.prints.vectorise.rings import as_rings
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -105,15 +108,15 @@ class CurvesOfImage:
         self.most = method.options.most_lines
         self.finds_section = method.finds_section
         self.noise = noise_of(view)
-        image, scene, blur = view.image, view.scene, view.blur_px
+        image, scene = view.image, view.scene
         channel = clearest_wavelength(image, scene)
         one, told = of_wavelength(image, scene, channel)
-        self.few = self._fit(told, one, usual_pixels(scene), blur[[channel]])
+        self.few = self._fit(told, one, usual_pixels(scene), view.camera.of_channel(channel))
         self.moves_section = False
 
-    def _fit(self, scene: Scene, image: CausticImage, pixels: int, blur_px: FloatArray) -> ImageFit:
+    def _fit(self, scene: Scene, image: CausticImage, pixels: int, camera: ChannelCamera) -> ImageFit:
         about = scene, image, self.model, pixels
-        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=self.report, blur_px=blur_px)
+        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=self.report, camera=camera)
 
     def __call__(self, found: Reconstruction) -> CurvesOnImage | None:
         """Lines that explain the image better than a relief does, in whose ridges they are looked for; None for none.
@@ -141,12 +144,34 @@ class CurvesOfImage:
             if again is None or again[1] > LOOK_FACTOR * loss:
                 break
             lines, loss = self._round(*again)
-        fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.blur_px)
+        fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.camera)
         fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
+        lines = self._with_spread(lines)
         if not self._is_better(self._relief(lines), relief.double().numpy()):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
+
+    def _with_spread(self, lines: CurvedLines) -> CurvedLines:
+        """Lines with the point spread that they tell of the camera, where that leaves less of the image."""
+        left = self.view.discrepancy(self._relief(lines))
+        if left is None or left > FAR_OF_NOISE:
+            return lines
+        for _ in range(SPREAD_ROUNDS):
+            camera = spread_asked(self.view, self._relief(lines))
+            if camera is None:
+                break
+            before, view, shape = lines, self.view, self.model.shape
+            fine = self._fit(view.scene, view.image, view.scene.image_pixels, camera)
+            fine.correct_at(curved_heights(self.chains, lines))
+            lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
+            self.view = LinesView(view.resimulation.blurred_by(camera), self.model)
+            now = self.view.discrepancy(self._relief(lines))
+            if now is None or now > SPREAD_GAIN * left:
+                self.view, self.model.shape = view, shape
+                return before
+            left = now
+        return lines
 
     def _is_better(self, found: FloatArray, before: FloatArray) -> bool:
         """Whether a relief of lines is taken for one that was found without them [m], shape [n, n] each."""

@@ -15,10 +15,10 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image_fit import BORDER_PIXELS, FINE_PHOTONS_PER_PIXEL
-from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
-from warp_caustics.resampling import blur_matrices, blurred
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -58,20 +58,18 @@ class Discrepancy:
         scene: the set-up.
         image: what was measured.
         device: where to simulate.
-        blur_px: standard deviation of the camera's blur [px], shape [n_w]; None for none.
+        camera: that took it, whose channels lie together; None for a perfect one.
     """
 
     def __init__(
-        self, scene: Scene, image: CausticImage, device: str | torch.device, blur_px: FloatArray | None = None
+        self, scene: Scene, image: CausticImage, device: str | torch.device, camera: ChannelCamera | None = None
     ):
         self.simulator = simulator_at(scene, scene.image_pixels, device, FINE_PHOTONS_PER_PIXEL)
-        self._exactly = ExtrapolatedCaustic(self.simulator)
+        camera = camera or ChannelCamera.perfect(scene.n_wavelengths, scene.image_pixels)
+        self._picture = ExactPicture(self.simulator, camera)
         self._known: tuple[FloatArray, torch.Tensor] | None = None
         self.samples = scene.height_samples
         plain = measurement_at(image, scene, scene.image_pixels, self.simulator.device, BORDER_PIXELS)
-        self._blur = None
-        if blur_px is not None and np.any(blur_px):
-            self._blur = blur_matrices(scene.image_pixels, blur_px, self.simulator.device)
         noise = plain.noise
         if noise is not None:
             noise = torch.maximum(noise, LATTICE_ERROR * plain.irradiance.double())
@@ -121,9 +119,8 @@ class Discrepancy:
     def _caustic(self, heights_m: FloatArray) -> torch.Tensor:
         """Several questions are asked of one relief."""
         if self._known is None or not np.array_equal(self._known[0], heights_m):
-            caustic = self._exactly(torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device))
-            caustic = caustic if self._blur is None else blurred(caustic, self._blur)
-            self._known = np.array(heights_m), caustic
+            seen = self._picture(torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device))
+            self._known = np.array(heights_m), seen
         return self._known[1]
 
 

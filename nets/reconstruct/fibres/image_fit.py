@@ -16,11 +16,12 @@ import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import DescentNumbers
-from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
 from warp_caustics.recorded_gradient import RecordedGradient
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
@@ -98,7 +99,7 @@ class ImageFit:
         photons_per_pixel: of the simulation.
         report: called after each evaluation with its loss; may raise.
         metric: simulates the differences of which the metric is made; this one if None.
-        blur_px: standard deviation of the camera's blur [px of the scene], shape [n_w]; None for none.
+        camera: whose blur is in the model; its channels lie together. None for a perfect one.
     """
 
     def __init__(
@@ -111,16 +112,17 @@ class ImageFit:
         photons_per_pixel: int = 16,
         report: Callable[[float], None] | None = None,
         metric: "ImageFit | None" = None,
-        blur_px: FloatArray | None = None,
+        camera: ChannelCamera | None = None,
     ):
         self.model, self.width, self.report, self.metric = model, width, report, metric or self
         self.simulator = simulator_at(scene, pixels, model.device, photons_per_pixel)
         self.measurement = measurement_at(image, scene, pixels, self.simulator.device, BORDER_PIXELS)
+        self.camera = camera or ChannelCamera.perfect(scene.n_wavelengths, scene.image_pixels)
         self._blur = None
-        if blur_px is not None and np.any(blur_px):
-            self._blur = blur_matrices(pixels, blur_px * (pixels / scene.image_pixels), self.simulator.device)
+        if np.any(self.camera.blur):
+            self._blur = blur_matrices(pixels, self.camera.blur_at(pixels), self.simulator.device)
         self.missing: torch.Tensor | None = None
-        """Of the image, for its lattice; None where nobody asked."""
+        """Of the image, for its lattice and the camera's point spread; None where nobody asked."""
         self._at_once = max(1, BATCH_HEIGHTS[model.device.type] // model.n**2)
         # Of what is here alone: a graph that knew this fit would stay as long as nobody looks for unused objects.
         measurement, blur = self.measurement, self._blur
@@ -131,7 +133,7 @@ class ImageFit:
         )
 
     def correct_at(self, heights_m: torch.Tensor) -> None:
-        """Compare from now on as a lattice without end would, about a relief [m], shape [n, n].
+        """Compare from now on as a lattice without end would, and the camera itself, about a relief [m], shape [n, n].
 
         What the lattice makes a caustic too soft by changes little while lines move by micrometres, and is taken off
         what was measured. Eight photons a pixel leave 0.6 % of a flat plate's light of a sharp caustic, which lines of
@@ -139,8 +141,7 @@ class ImageFit:
         """
         relief = heights_m.contiguous()
         with torch.no_grad():
-            missing = ExtrapolatedCaustic(self.simulator, EXTRAPOLATED)(relief) - self.simulator(relief)
-            self.correct_by(missing if self._blur is None else blurred(missing, self._blur))
+            self.correct_by(ExactPicture(self.simulator, self.camera, EXTRAPOLATED)(relief) - self.seen(relief))
 
     def correct_by(self, missing: torch.Tensor | None) -> None:
         """The same by what is missing of the image, in units of the radiosity, shape [n_w, m, m]; None for nothing."""

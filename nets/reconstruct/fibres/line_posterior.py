@@ -114,7 +114,7 @@ def with_line_samples(
         covariance: of lines and bench; None where the bench is as told.
     """
     if covariance is None:
-        fit = ImageFit(view.scene, view.image, view.model, usual_pixels(view.scene), blur_px=view.blur_px)
+        fit = ImageFit(view.scene, view.image, view.model, usual_pixels(view.scene), camera=view.camera)
         covariance = joint_covariance(fit, lines, None, misfit_weight(fit, fit.loss(view.model.heights(lines))))
     added = found.heights_m - view.relief(lines)
     drawn = drawn_lines(view.model, lines, covariance, count)

@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
-from nets.reconstruct.fibres.camera_of_lines import fit_with_camera
+from nets.reconstruct.fibres.camera_of_lines import fit_on_told, fit_with_camera, with_spread_of
 from nets.reconstruct.fibres.curves_of_image import (
     CurvesOfImage,
     CurvesOnImage,
@@ -135,7 +135,7 @@ class LinesOfImage:
                 if look_again(self, looks) and self._is_near():
                     self._fit_with_all()
             if self.covariance is not None and self.counted is not self.lines:
-                self.covariance = self._together(self.view.blur_px).covariance(self.lines, self.bench)
+                self.covariance = self.together().covariance(self.lines, self.bench)
                 self.counted = self.lines
             if len(self.lines) and self.method.options.waves:
                 self._fit_with_waves()
@@ -170,6 +170,8 @@ class LinesOfImage:
         """Lines with whatever else they may tell."""
         if self._is_near():
             fit_with_camera(self)
+            if self.is_elsewhere and self.view.camera.spread is not None:
+                fit_on_told(self)
         if self._is_near() and self.method.options.losses is not False:
             self._fit_with_losses()
         if self._is_near() and not self.method.takes_bench_as_told:
@@ -199,13 +201,15 @@ class LinesOfImage:
         network = network_on(self.method, self.view, self.view is self.told)
         before = sum(self.timings.values())
         try:
-            self.curves = CurvesOfImage(self.method, self.view, self.model, self.note, network)(found)
+            search = CurvesOfImage(self.method, self.view, self.model, self.note, network)
+            self.curves = search(found)
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
             return False
         self.timings["curves"] = self.log.elapsed_s - before
         if self.curves is None:
             return False
+        self.view = search.view
         self.counters |= {"fibres": len(self.curves.lines), "curves": self.curves.record, "explained_by": "fibres"}
         if self.method.finds_section:
             self.counters["section"] = self.model.shape._asdict()
@@ -279,7 +283,7 @@ class LinesOfImage:
             others=others,
             view=view,
             report=self.note,
-            blur_px=view.blur_px,
+            camera=view.camera,
         )
         try:
             search.run(start)
@@ -290,7 +294,7 @@ class LinesOfImage:
     def _losses_shown(self) -> Scene:
         """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
         image = seen_on(self.told.image, self.numbers, self.bench)
-        scene = with_losses(self.view.scene, partial(self._misfit, image, self.view.blur_px))
+        scene = with_losses(self.view.scene, partial(self._misfit, image))
         return self.numbers.scene.model_copy(update=effects_of(scene))
 
     def _fit_with_losses(self) -> None:
@@ -301,7 +305,7 @@ class LinesOfImage:
             return
         self.numbers = dataclasses.replace(self.numbers, scene=lossy)
         try:
-            self.lines, _ = self._together(self.view.blur_px).on(self.lines, self.bench)
+            self.lines, _ = self.together().on(self.lines, self.bench)
             self.view = self.on(self.bench)
         except KeyboardInterrupt:
             self.lines, self.view, self.numbers, self.model.shape = kept
@@ -313,7 +317,7 @@ class LinesOfImage:
     def _fit_with_gap(self) -> None:
         """Lines with gap, base and index as one number, where that is significantly other than told."""
         kept = self.lines, self.view, self.bench, self.model.shape
-        together = self._together(self.view.blur_px)
+        together = self.together()
         try:
             found = GapOfLines(together)(self.lines, self.bench)
             if found is None:
@@ -338,7 +342,7 @@ class LinesOfImage:
         for _ in range(BENCH_ROUNDS):
             kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
             self.numbers = dataclasses.replace(self.numbers, scene=self._losses_shown())
-            together = self._together(self.view.blur_px)
+            together = self.together()
             try:
                 self.lines, self.bench = with_valley(together, self.lines, self.bench)
                 self.view = self.on(self.bench)
@@ -357,15 +361,15 @@ class LinesOfImage:
             if is_done:
                 return
 
-    def _together(self, blur_px: FloatArray) -> BenchOfLines:
-        """Finds bench and lines with a camera's blur [px], shape [n_w]."""
+    def together(self) -> BenchOfLines:
+        """Finds bench and lines with the camera so far."""
         few = usual_pixels(self.method.scene)
-        about = self.numbers, self.told.image, self.model, few, blur_px
+        about = self.numbers, self.told.image, self.model, few, self.view.camera
         return BenchOfLines(*about, with_section=self.moves_section, report=self.note)
 
-    def _misfit(self, image: CausticImage, blur_px: FloatArray, scene: Scene) -> float:
+    def _misfit(self, image: CausticImage, scene: Scene) -> float:
         """Of the lines so far in a scene, at its exposure."""
-        fit = ImageFit(scene, image, self.model, scene.image_pixels, blur_px=blur_px)
+        fit = ImageFit(scene, image, self.model, scene.image_pixels, camera=self.view.camera)
         return fit.loss(self.model.heights(self.lines), at_exposure=True)
 
     def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
@@ -375,6 +379,7 @@ class LinesOfImage:
         plain = Resimulation(simulator, image, self.exposure)
         if camera is None:
             camera = plain.found_camera(self.told.relief(self.lines), exactly=True)
+            camera = with_spread_of(camera, self.view.camera)
         return LinesView(plain.through(camera), self.model)
 
     def note(self, loss: float) -> None:

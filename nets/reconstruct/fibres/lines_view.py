@@ -9,6 +9,7 @@ from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE, Discrepancy, is_ex
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -40,9 +41,9 @@ class LinesView:
         return self.resimulation.image
 
     @property
-    def blur_px(self) -> FloatArray:
-        """Of the camera, shape [n_w]."""
-        return self.resimulation.camera.blur
+    def camera(self) -> ChannelCamera:
+        """That took the image."""
+        return self.resimulation.camera
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -50,7 +51,7 @@ class LinesView:
         image = self.image
         if image.noise_std is None:
             image = dataclasses.replace(image, noise_std=estimated_noise(image, self.scene))
-        return Discrepancy(self.scene, image, self.resimulation.simulator.device, self.blur_px)
+        return Discrepancy(self.scene, image, self.resimulation.simulator.device, self.camera)
 
     def relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image_ends import with_moved_ends
@@ -19,8 +18,8 @@ from nets.reconstruct.fibres.section import with_caps, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
-from warp_caustics.types import FloatArray
 
 ITERATIONS = 40
 """Of L-BFGS between jumps; half as many on more pixels after a search."""
@@ -79,7 +78,7 @@ class LineSearch:
         view: the image and its bench; where lines leave more than noise of it, the search goes on with more pixels.
             None ends it.
         report: called after each evaluation with its loss; may raise.
-        blur_px: standard deviation of the camera's blur [px of the scene], shape [n_w]; None for none.
+        camera: whose blur is in the model; its channels lie together. None for a perfect one.
     """
 
     def __init__(
@@ -97,7 +96,7 @@ class LineSearch:
         others: torch.Tensor | None = None,
         view: LinesView | None = None,
         report: Callable[[float], None] | None = None,
-        blur_px: FloatArray | None = None,
+        camera: ChannelCamera | None = None,
     ):
         self.jumps, self.iterations, self.answer, self.view = jumps, iterations, answer, view
         self.others = others
@@ -110,13 +109,13 @@ class LineSearch:
         # One wavelength tells which lines there are, and nearly where; all of them tell better where.
         clearest = clearest_wavelength(image, scene)
         seen, told = of_wavelength(image, scene, clearest)
-        blur = np.zeros(scene.n_wavelengths) if blur_px is None else blur_px
+        camera = camera or ChannelCamera.perfect(scene.n_wavelengths, scene.image_pixels)
         is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
         few = pixels // 2 if is_halved else pixels
-        one = blur[[clearest]]
-        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, blur_px=one)
+        one = camera.of_channel(clearest)
+        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=one)
 
-        def finely(scene: Scene, image: CausticImage, size: int, blur_px: FloatArray) -> ImageFit:
+        def finely(scene: Scene, image: CausticImage, size: int, camera: ChannelCamera) -> ImageFit:
             return ImageFit(
                 scene,
                 image,
@@ -125,15 +124,15 @@ class LineSearch:
                 photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
                 report=report,
                 metric=metric,
-                blur_px=blur_px,
+                camera=camera,
             )
 
         self.coarse = self.fine = finely(told, seen, pixels, one)
         if is_halved:
-            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, blur_px=one)
+            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, camera=one)
         self.quick = self.coarse if model.device.type == "cpu" else self.fine
         """Ranks what is tried by the hundred; a GPU has time for more pixels."""
-        self.last = finely(scene, image, scene.image_pixels, blur)
+        self.last = finely(scene, image, scene.image_pixels, camera)
         """All there is, without the lattice's own error."""
 
     def run(self, start: torch.Tensor) -> torch.Tensor:

@@ -63,17 +63,20 @@ TAILS = 4.0
 """Power of a section from which on it is mostly tail."""
 
 
-def calibration_of(shape: Shape, *, has_waves: bool, has_curves: bool = False) -> DesignCalibration:
+def calibration_of(
+    shape: Shape, *, has_waves: bool, has_curves: bool = False, has_spread: bool = False
+) -> DesignCalibration:
     """Of lines without a design that leave nothing but noise, by what they have in common.
 
     Args:
         shape: of all lines.
         has_waves: lines have waves along them.
         has_curves: lines have corners and curves.
+        has_spread: the camera's point spread was found with them, and holds some of what lines got wrong.
     """
     if has_waves:
         return WAVY_LINES
-    if shape == Shape() and not has_curves:
+    if shape == Shape() and not (has_curves or has_spread):
         return COSINE_LINES
     has_more = has_curves or shape.thicker > 0 or shape.exponent > TAILS
     return SHAPED_LINES if has_more else FOUND_LINES

@@ -19,6 +19,7 @@ from warp_caustics.prints.model import LINE_COLUMNS, LineModel
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import usual_pixels
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -108,19 +109,19 @@ def waves_of(run: Run) -> WavyLines | None:
     view, (_, left, of_network), noise = run.view, run.left(), noise_of(run.view)
     if view.is_explained(run.lines) or left > ALSO_TRIED * of_network:
         return None
-    image, blur = view.image, view.blur_px
+    image = view.image
     channel = clearest_wavelength(image, view.scene)
     one, told = of_wavelength(image, view.scene, channel)
 
-    def finely(scene: Scene, seen: CausticImage, pixels: int, blur_px: FloatArray) -> ImageFit:
+    def finely(scene: Scene, seen: CausticImage, pixels: int, camera: ChannelCamera) -> ImageFit:
         about = scene, seen, run.model, pixels
-        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, blur_px=blur_px)
+        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, camera=camera)
 
-    few = finely(told, one, usual_pixels(view.scene), blur[[channel]])
+    few = finely(told, one, usual_pixels(view.scene), view.camera.of_channel(channel))
     found = with_waves(few, straight(run.model, run.lines), FEW_ITERATIONS, noise)
     if not view.resimulation(view.glass(found.heights)).residual < WAVES_FACTOR * left:
         return None
-    fine = finely(view.scene, image, view.scene.image_pixels, blur)
+    fine = finely(view.scene, image, view.scene.image_pixels, view.camera)
     fine.correct_at(found.heights)
     return with_waves(fine, found, ALL_ITERATIONS, noise)
 

@@ -22,6 +22,7 @@ from nets.reconstruct.fibres.line_posterior import (
     joint_covariance,
     misfit_weight,
 )
+from tests.nets.reconstruct.cameras import blurring
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
@@ -44,6 +45,7 @@ LINES = 1e-3 * torch.tensor(
 OFF = 1e-3 * torch.tensor([0.05, -0.05, -0.05, 0.05, 0.1, -0.03], dtype=torch.float64)
 NOISE = 0.005
 BLUR = np.full(3, 0.8)
+CAMERA = blurring(BLUR, SCENE.image_pixels)
 
 
 def numbers():
@@ -72,9 +74,9 @@ def error_um(lines):
 
 def test_lines_tell_the_gap_that_free_heights_make_up_for():
     image = photographed(true_bench(gap_m=1.1e-3, ambient=0.02, screen_x_m=4e-5))
-    told = ImageFit(SCENE, image, MODEL, 4 * N, blur_px=BLUR)
+    told = ImageFit(SCENE, image, MODEL, 4 * N, camera=CAMERA)
     wrong = told.descend(LINES + OFF, 40).lines
-    together = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)
+    together = BenchOfLines(numbers(), image, MODEL, 2 * N, CAMERA)
     lines, bench = together(wrong, Bench.told(numbers()))
     assert error_um(wrong) > 5
     assert error_um(lines) < 1.5
@@ -89,7 +91,7 @@ def test_lines_tell_the_gap_that_free_heights_make_up_for():
 
 def test_a_bench_that_is_as_told_is_left_so():
     image = photographed(Bench.told(numbers()))
-    _, bench = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)(LINES, Bench.told(numbers()))
+    _, bench = BenchOfLines(numbers(), image, MODEL, 2 * N, CAMERA)(LINES, Bench.told(numbers()))
     for p in numbers().parameters:
         assert abs(bench.values[p.name] - numbers().before[p.name]) < 0.6 * p.prior
     assert np.abs(bench.field).max() < 0.005
@@ -127,7 +129,7 @@ def test_light_of_a_bench_is_the_sum_of_its_patterns():
 def test_gradient_by_what_is_beside():
     """Against differences of the loss."""
     image = photographed(Bench.told(numbers()))
-    fit = ImageFit(SCENE, image, MODEL, 2 * N, blur_px=BLUR)
+    fit = ImageFit(SCENE, image, MODEL, 2 * N, camera=CAMERA)
     modes = torch.tensor(field_modes(3, 2 * N), dtype=torch.float32)
     beside = Beside(modes, np.linspace(-1, 1, 8), 1e-3)
     heights, at = MODEL.heights(LINES + OFF), np.linspace(0.01, 0.02, 8)
@@ -142,7 +144,7 @@ def test_gradient_by_what_is_beside():
 def test_the_joint_covariance_covers_lines_and_knows_what_the_bench_leaves_open():
     """Of a bench whose gap is off by what is believed: errors mostly within two deviations, and not far below."""
     image = photographed(true_bench(gap_m=1.05e-3, ambient=0.02, screen_x_m=4e-5))
-    together = BenchOfLines(numbers(), image, MODEL, 2 * N, BLUR)
+    together = BenchOfLines(numbers(), image, MODEL, 2 * N, CAMERA)
     lines, bench = together(LINES + OFF, Bench.told(numbers()))
     covariance = together.covariance(lines, bench)
     deviation = height_deviation(MODEL, lines, covariance)
@@ -202,7 +204,7 @@ def test_lines_are_found_in_a_picture_of_another_size(vergence):
     image = CausticImage(measured.astype(np.float32), np.full(3, NOISE))
     back = seen_on(image, looked_for, there).irradiance
     assert np.sqrt(np.mean((back - shown)[:, 4:-4, 4:-4] ** 2)) < NOISE
-    as_told, together = (BenchOfLines(each, image, MODEL, 2 * N, BLUR) for each in (numbers(), looked_for))
+    as_told, together = (BenchOfLines(each, image, MODEL, 2 * N, CAMERA) for each in (numbers(), looked_for))
     wrong = as_told.fit_on(Bench.told(numbers())).descend(LINES + OFF, 40).lines
     right = together.fit_on(there).descend(LINES + OFF, 40).lines
     lines, bench = together(right, there)

@@ -14,6 +14,7 @@ from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import HEIGHT, LineModel, Shape
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
 
@@ -28,7 +29,7 @@ LINES = 1e-3 * torch.tensor(
     dtype=torch.float64,
 )
 NOISE = 0.005
-SHARP = np.zeros(3)
+SHARP = ChannelCamera.perfect(3, SCENE.image_pixels)
 GAP_M = 1e-4
 """More than told, two prior widths: heights 5 % too high on the told bench."""
 

@@ -7,6 +7,7 @@ import torch
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.image_moves import jump, shapes, stretches, suspects
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
+from tests.nets.reconstruct.cameras import blurring
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N, error_um, noisy_image
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -37,10 +38,10 @@ def test_gradient_with_respect_to_lines(model, image):
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=0.05)
 
 
-@pytest.mark.parametrize("blur_px", [None, np.array([0.4, 0.8, 1.2])])
+@pytest.mark.parametrize("blur_px", [0.0, np.array([0.4, 0.8, 1.2])])
 def test_gradient_that_a_gpu_records_is_the_same(model, image, blur_px):
     """Through the camera's blur, too, of one fit's own image; also where that is told another one afterwards."""
-    fit = ImageFit(SCENE, image, model, 2 * N, width=0.1, blur_px=blur_px)
+    fit = ImageFit(SCENE, image, model, 2 * N, width=0.1, camera=blurring(blur_px, SCENE.image_pixels))
     heights, values = model.heights(LINES + 1e-4), []
     for _ in range(2):
         value, gradient, _ = fit.with_gradient(heights)

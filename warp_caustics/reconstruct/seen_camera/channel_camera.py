@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread
 from warp_caustics.types import FloatArray
 
 WARNED_SHIFT_PX = 0.1
@@ -26,6 +27,7 @@ class ChannelCamera:
         gain: signal of the simulated light, shape [n_w]. Told, not undone: the exposure is found elsewhere.
         ambient: light that is not the lamp's, in units of the radiosity, shape [n_w]. Told, not undone.
         pixels: m, size of the image in which these pixels are counted.
+        spread: of points of light, where it is known better than by a Gaussian; ``blur`` is the one that is nearest.
     """
 
     shift: FloatArray
@@ -34,6 +36,7 @@ class ChannelCamera:
     gain: FloatArray
     ambient: FloatArray
     pixels: int
+    spread: PointSpread | None = None
 
     @classmethod
     def perfect(cls, channels: int, pixels: int) -> Self:
@@ -46,7 +49,8 @@ class ChannelCamera:
         """The camera that :attr:`record` was made of."""
         keys = ("shift_px", "scale", "blur_px", "gain", "ambient")
         shift, scale, blur, gain, ambient = (np.asarray(record[key], dtype=np.float64) for key in keys)
-        return cls(shift, scale, blur, gain, ambient, pixels)
+        spread = PointSpread.of_record(record["spread"]) if "spread" in record else None
+        return cls(shift, scale, blur, gain, ambient, pixels, spread)
 
     @property
     def displaces(self) -> bool:
@@ -56,7 +60,7 @@ class ChannelCamera:
     @property
     def blurs(self) -> bool:
         """Whether simulated images are to be blurred."""
-        return bool(np.any(self.blur))
+        return bool(np.any(self.blur)) or self.spread is not None
 
     @property
     def is_perfect(self) -> bool:
@@ -65,7 +69,16 @@ class ChannelCamera:
 
     def sharp(self) -> Self:
         """The same without its blur, for models that know none."""
-        return replace(self, blur=np.zeros_like(self.blur))
+        return replace(self, blur=np.zeros_like(self.blur), spread=None)
+
+    def of_channel(self, channel: int) -> Self:
+        """That of one channel."""
+        kept = [channel]
+        return type(self)(
+            *(self.shift[kept], self.scale[kept], self.blur[kept], self.gain[kept], self.ambient[kept]),
+            pixels=self.pixels,
+            spread=None if self.spread is None else self.spread.of_channel(channel),
+        )
 
     @property
     def apart_px(self) -> FloatArray:
@@ -85,7 +98,7 @@ class ChannelCamera:
             "blur_px": self.blur.tolist(),
             "gain": self.gain.tolist(),
             "ambient": self.ambient.tolist(),
-        }
+        } | ({} if self.spread is None else {"spread": self.spread.record})
 
     def warnings(
         self,

@@ -1,0 +1,40 @@
+"""What a camera shows of reliefs, without the error of a lattice of photons, and with its point spread where known."""
+
+import torch
+
+from warp_caustics.extrapolated import ExtrapolatedCaustic
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
+from warp_caustics.resampling import blur_matrices, blurred
+from warp_caustics.simulator import CausticSimulator
+
+
+class ExactPicture:
+    """Pictures of reliefs; not differentiable.
+
+    Args:
+        simulator: a lattice of the scene, in whose units pictures are.
+        camera: whose channels lie together; only its blur counts.
+        times: as of :class:`~warp_caustics.extrapolated.ExtrapolatedCaustic`, where the point spread is not known.
+    """
+
+    def __init__(self, simulator: CausticSimulator, camera: ChannelCamera, times: int = 2):
+        pixels = simulator.scene.image_pixels
+        self._spread = camera.spread if camera.pixels == pixels else None
+        self._light: FineLight | ExtrapolatedCaustic
+        self._blur: torch.Tensor | None = None
+        if self._spread is not None:
+            self._light = FineLight(simulator)
+        else:
+            self._light = ExtrapolatedCaustic(simulator, times)
+            blur = camera.blur_at(pixels)
+            self._blur = blur_matrices(pixels, blur, simulator.device) if blur.any() else None
+        self._pixels = pixels
+
+    @torch.no_grad()
+    def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
+        """Of a relief [m], shape [n, n]: irradiance [W/m^2], shape [n_w, m, m]."""
+        light = self._light(heights_m)
+        if self._spread is not None:
+            return self._spread(light, self._pixels)
+        return light if self._blur is None else blurred(light, self._blur)

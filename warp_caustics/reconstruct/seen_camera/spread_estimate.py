@@ -1,0 +1,196 @@
+"""The point spread of a camera, told by a relief that is right but for micrometres.
+
+By least squares over pixels: each channel's picture is linear in its weights, and the lens before them is looked for
+along a line. Where a relief is still wrong, lines that lie beside their place look blurred to that; so spectra tell a
+blur first (:mod:`~warp_caustics.reconstruct.seen_camera.blur_estimate`), and this is asked of what leaves little.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.point_spread import HALOS_PX, REACH, PointSpread, before_weights, in_halos
+from warp_caustics.types import FloatArray
+
+WIDTH = 0.05
+"""Residual, relative to the radiosity, from which on a pixel counts less, as in descents of lines."""
+LENSES, NEAR = (0.6, 0.8, 0.95, 1.1), (0.94, 1.0, 1.06)
+"""That are tried, in units of the blur so far, and of a lens that is nearly right: a wider one would be sharpened."""
+LEAST_BLUR_PX = 0.3
+"""For that; narrower blurs are not told by spectra."""
+LEAST_LENS_PX = 0.05
+SIMPLER = 0.99
+"""By which squares must fall for another form than the one before."""
+LEAST_SEEN = 0.5
+"""Of a channel's pixels that must count for it to be asked."""
+WEIGHT_WIDTH = 0.1
+"""Standard deviation of what is believed of a weight, beside 1 in the middle and 0 elsewhere."""
+STRIP_ROWS = 256
+"""Rows that are looked at together, for the memory's sake."""
+
+
+class _Fit(NamedTuple):
+    """Weights after a lens and a band."""
+
+    lens_px: float
+    band_px: float
+    weights: FloatArray
+    halos: FloatArray
+    left: float = 0.0
+    """Weighted sum of squares."""
+
+
+def found_spread(measurement: Measurement, fine: torch.Tensor, camera: ChannelCamera) -> PointSpread:
+    """The point spread with which light on fine pixels explains an image best, channel by channel.
+
+    Args:
+        measurement: the image with its channels together, in units of the radiosity, all pixels.
+        fine: light of the relief on fine pixels, in the same units, shape [n_w, k m, k m].
+        camera: so far; channels of which too little is seen keep its blur.
+    """
+    fits, form = dict[int, _Fit](), None
+    middle = len(fine) // 2
+    for channel in sorted(range(len(fine)), key=lambda c: abs(c - middle)):
+        blur = float(camera.blur[channel])
+        before = _Fit(0.0, blur, *_nothing()) if camera.spread is None else _of(camera.spread, channel)
+        measured, counts = measurement.irradiance[channel], measurement.weight[channel]
+        if float(counts.mean()) < LEAST_SEEN:
+            fits[channel] = before
+            continue
+        search = _Search(fine[channel], measured, counts, blur)
+        if form is None:
+            form = *search.form(before.lens_px, before.band_px), max(blur, LEAST_BLUR_PX)
+        # One lens blurs all wavelengths in the same way, if not by as much.
+        wider = max(blur, LEAST_BLUR_PX) / form[2]
+        fits[channel] = search.about(wider * form[0], blur if form[1] else 0.0)
+    lens, band, weights, halos, _ = zip(*(fits[channel] for channel in range(len(fine))), strict=True)
+    return PointSpread(np.array(lens), np.array(band), np.stack(weights), np.stack(halos))
+
+
+def _of(spread: PointSpread, channel: int) -> _Fit:
+    widths = float(spread.lens_px[channel]), float(spread.band_px[channel])
+    return _Fit(*widths, spread.weights[channel], spread.halos[channel])
+
+
+def _left(fit: _Fit) -> float:
+    return fit.left
+
+
+def _nothing() -> tuple[FloatArray, FloatArray]:
+    """Weights and halos of a camera that has none."""
+    weights = np.zeros((2 * REACH + 1, 2 * REACH + 1))
+    weights[REACH, REACH] = 1.0
+    return weights, np.zeros(len(HALOS_PX))
+
+
+class _Search:
+    """Of one channel, all of shape [m, m] but the light, [k m, k m]."""
+
+    def __init__(self, light: torch.Tensor, measured: torch.Tensor, counts: torch.Tensor, blur_px: float):
+        self.light, self.measured, self.blur_px = light, measured, blur_px
+        shown = before_weights(light, measured.shape[-1], 0.0, blur_px)
+        self.counts = counts.clone()
+        # What light the mirrored border lacks is not in the model.
+        for edge in (slice(0, REACH), slice(-REACH, None)):
+            self.counts[edge] = 0
+            self.counts[:, edge] = 0
+        self.weight = self._weight(shown)
+
+    def form(self, lens_px: float, band_px: float) -> tuple[float, float]:
+        """Lens and band: those before, or where it leaves clearly less another one: weights alone, a band, a lens."""
+        simple = self.fit(lens_px, band_px)
+        others = [self.fit(0.0, 0.0), self._lens(max(self.blur_px, LEAST_BLUR_PX), LENSES)]
+        if (lens_px, band_px) != (0.0, self.blur_px):
+            others.append(self.fit(0.0, self.blur_px))
+        nearest = min(others, key=_left)
+        best = nearest if nearest.left < SIMPLER * simple.left else simple
+        return best.lens_px, best.band_px
+
+    def about(self, lens_px: float, band_px: float) -> _Fit:
+        """The best with a lens and a band that are nearly right."""
+        # Of what the better form leaves, other pixels count less.
+        self.weight = self._weight(self._shown(self.fit(lens_px, band_px)))
+        return self._lens(lens_px, NEAR) if lens_px else self.fit(lens_px, band_px)
+
+    def _lens(self, about_px: float, tried: tuple[float, ...]) -> _Fit:
+        """With the best lens, where a parabola through the nearest three says, too."""
+        fits = [self.fit(share * about_px, 0.0) for share in tried]
+        best = min(range(len(fits)), key=lambda k: fits[k].left)
+        near = fits[max(0, min(best - 1, len(fits) - 3)) :][:3]
+        curve = np.polyfit([fit.lens_px for fit in near], [fit.left for fit in near], 2)
+        if curve[0] > 0:
+            low, high = (0.9 * near[0].lens_px, 1.1 * near[-1].lens_px)
+            between = float(np.clip(-curve[1] / (2 * curve[0]), max(low, LEAST_LENS_PX), high))
+            fits.append(self.fit(between, 0.0))
+        return min(fits, key=_left)
+
+    def fit(self, lens_px: float, band_px: float) -> _Fit:
+        """Weights by least squares, with brightness and an even light beside them, which are left out of it."""
+        shown = before_weights(self.light, self.measured.shape[-1], lens_px, band_px)
+        rows = shown.shape[-1]
+        padded = torch.nn.functional.pad(shown[None, None], (REACH,) * 4, mode="replicate")[0, 0]
+        side = 2 * REACH + 1
+        middle, halos = side**2 // 2, in_halos(shown)
+        count = middle + len(halos)
+        normal = torch.zeros(count + 3, count + 3, dtype=torch.float64, device=shown.device)
+        for first in range(0, rows, STRIP_ROWS):
+            strip = slice(first, min(first + STRIP_ROWS, rows))
+            near = padded[strip.start : strip.stop + 2 * REACH].unfold(0, side, 1).unfold(1, side, 1)
+            moved = near.flatten(2).movedim(-1, 0).flatten(1)
+            # Of a picture moved to both sides, what differs from it: little, where it is soft, and exact then.
+            columns = torch.cat(
+                (
+                    moved[:middle] + moved[middle + 1 :].flip(0) - 2 * moved[middle],
+                    *(halo[strip].reshape(1, -1) for halo in halos),
+                    moved[middle : middle + 1],
+                    torch.ones_like(moved[:1]),
+                    self.measured[strip].reshape(1, -1) - moved[middle],
+                )
+            )
+            normal += ((columns * self.weight[strip].reshape(1, -1)) @ columns.T).double()
+        matrix, right, square = normal[:-1, :-1], normal[:-1, -1], normal[-1, -1]
+        # Weights of a picture that is soft already could be anything: they are believed to be few.
+        believed = torch.full_like(right, float(square / self.weight.count_nonzero()) / WEIGHT_WIDTH**2)
+        believed[count:] = 0.0
+        solution = torch.linalg.solve(matrix + believed.diag(), right)
+        left = float(square - solution @ right)
+        found, brightness = solution[:count].cpu().numpy(), 1.0 + float(solution[count])
+        sides, shares = found[:middle], found[middle:] / brightness
+        weights = np.concatenate((sides, [brightness - 2 * sides.sum()], sides[::-1])) / brightness
+        return _Fit(lens_px, band_px, weights.reshape(side, side), shares, left)
+
+    def _shown(self, fit: _Fit) -> torch.Tensor:
+        widths = np.array([fit.lens_px]), np.array([fit.band_px])
+        spread = PointSpread(*widths, fit.weights[None], fit.halos[None])
+        return spread(self.light[None], self.measured.shape[-1])[0]
+
+    def _weight(self, shown: torch.Tensor) -> torch.Tensor:
+        return self.counts / ((shown - self.measured).square() + WIDTH**2).sqrt()
+
+
+def equal_blur_px(sharp: torch.Tensor, seen: torch.Tensor) -> FloatArray:
+    """Gaussian within the pixels' band that comes nearest to a camera [px], shape [n_w].
+
+    Args:
+        sharp: image without it, shape [n_w, m, m].
+        seen: image through it, same shape.
+    """
+    pixels = sharp.shape[-1]
+    both = torch.fft.rfft2(torch.stack((sharp, seen)).double()).cpu()
+    ky, kx = torch.fft.fftfreq(pixels).double(), torch.fft.rfftfreq(pixels).double()
+    square = (2 * np.pi) ** 2 * (ky[:, None] ** 2 + kx**2)
+    bins = (square.sqrt() * 64).long().flatten()
+    size = int(bins.max()) + 1
+    mean = torch.bincount(bins, square.flatten(), size) / torch.bincount(bins, minlength=size).clamp_min(1)
+    found = []
+    for a, b in zip(both[0], both[1], strict=True):
+        own = torch.bincount(bins, a.abs().square().flatten(), size)
+        crossed = torch.bincount(bins, (a.conj() * b).real.flatten(), size)
+        tried = torch.linspace(0, 4, 801, dtype=torch.float64)
+        transfer = torch.exp(-0.5 * tried[:, None] ** 2 * mean)
+        left = transfer.square() @ own - 2 * (transfer @ crossed)
+        found.append(float(tried[left.argmin()]))
+    return np.array(found)
