@@ -18,8 +18,16 @@ LEAST_BLUR_PX = 0.005
 """By which lines tell a camera of another blur for anything to be made of it [px]."""
 ITERATIONS = 20
 """Of L-BFGS with that camera."""
+TELLING_SHARE = 0.15
+"""Of an image, that lines may leave of it at most to be asked for the lens that it was seen through."""
 SPREAD_ROUNDS, SPREAD_GAIN = 5, 0.997
 """In which a point spread and lines are found in turn, while what they leave falls by this factor."""
+
+
+WIDER, WIDER_PX = 1.3, 0.35
+"""Times the blur before is the widest that is believed, and so much more than what spectra say, which tell none below
+0.3 px: of eight cameras spectra said 0.86 to 1.14 times what their point spread is as wide as. Heights that are wrong
+everywhere are explained by a camera out of focus, too."""
 
 
 class Run(Protocol):
@@ -39,8 +47,41 @@ class Run(Protocol):
     def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
         """The image on a bench, with a camera or the one that the lines tell there."""
 
+    def search(self, start: torch.Tensor, jumps: int) -> None:
+        """Lines searched for from others, shape [L, 6] [m]."""
+
     def together(self) -> BenchOfLines:
         """Finds bench and lines with the camera so far."""
+
+
+def tells_camera(run: Run) -> bool:
+    """Whether lines are near enough to the plate's to tell a lens; that may leave many times the noise."""
+    return run.view.resimulation(run.view.relief(run.lines)).residual < TELLING_SHARE
+
+
+def fit_through_lens(run: Run) -> None:
+    """Lines with the camera that they tell; what had made up for its lens, lines or a bench, is looked at again.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are the best so far.
+    """
+    was_known = run.view.camera.spread is not None
+    fit_with_camera(run)
+    if was_known or run.view.camera.spread is None:
+        return
+    if run.is_elsewhere:
+        fit_on_told(run)
+    if run.view.is_explained(run.lines):
+        return
+    kept, was, is_better = (run.lines, run.view, run.model.shape), run.view.left(run.lines), False
+    try:
+        run.search(run.lines, 1)
+        fit_with_camera(run)
+        now = run.view.left(run.lines)
+        is_better = was is not None and now is not None and now < was
+    finally:
+        if not is_better:
+            run.lines, run.view, run.model.shape = kept
 
 
 def fit_with_camera(run: Run) -> None:
@@ -69,8 +110,10 @@ def spread_asked(view: LinesView, heights_m: FloatArray) -> ChannelCamera | None
     if not view.camera.blurs and view.is_relief_explained(heights_m):
         return None
     camera, known = view.resimulation.with_spread(heights_m), view.camera.spread
-    is_known = known is not None and camera.spread is not None and camera.spread.is_like(known)
-    return None if is_known else camera
+    spread, wider = camera.spread, float((camera.blur - WIDER * view.camera.blur).max())
+    if spread is None or not spread.is_plausible or wider > (0.0 if known is not None else WIDER_PX):
+        return None
+    return None if known is not None and spread.is_like(known) else camera
 
 
 def fit_on_told(run: Run) -> None:

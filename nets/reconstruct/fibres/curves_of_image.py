@@ -147,8 +147,9 @@ class CurvesOfImage:
         fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.camera)
         fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
+        told = self.view
         lines = self._with_spread(lines)
-        if not self._is_better(self._relief(lines), relief.double().numpy()):
+        if not self._is_better(self._relief(lines), relief.double().numpy(), told):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
 
@@ -173,9 +174,14 @@ class CurvesOfImage:
             left = now
         return lines
 
-    def _is_better(self, found: FloatArray, before: FloatArray) -> bool:
-        """Whether a relief of lines is taken for one that was found without them [m], shape [n, n] each."""
-        was, left = self.view.discrepancy(before), self.view.discrepancy(found)
+    def _is_better(self, found: FloatArray, before: FloatArray, told: LinesView) -> bool:
+        """Whether a relief of lines is taken for one that was found without them [m], shape [n, n] each.
+
+        That one is judged through the camera that lines tell, and ``told``, the one it was found through.
+        """
+        was, left = told.discrepancy(before), self.view.discrepancy(found)
+        if was is not None and told is not self.view:
+            was = min(was, self.view.discrepancy(before) or was)
         if self.view.image.noise_std is None or was is None or left is None:
             simulated = self.view.resimulation
             return simulated(found).residual < simulated(before).residual

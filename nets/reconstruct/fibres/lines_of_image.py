@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
-from nets.reconstruct.fibres.camera_of_lines import fit_on_told, fit_with_camera, with_spread_of
+from nets.reconstruct.fibres.camera_of_lines import fit_through_lens, tells_camera, with_spread_of
 from nets.reconstruct.fibres.curves_of_image import (
     CurvesOfImage,
     CurvesOnImage,
@@ -168,10 +168,8 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
-        if self._is_near():
-            fit_with_camera(self)
-            if self.is_elsewhere and self.view.camera.spread is not None:
-                fit_on_told(self)
+        if self._is_near() or tells_camera(self):
+            fit_through_lens(self)
         if self._is_near() and self.method.options.losses is not False:
             self._fit_with_losses()
         if self._is_near() and not self.method.takes_bench_as_told:
@@ -229,6 +227,13 @@ class LinesOfImage:
         """Relief of the lines, and what it and the network's leave of the image."""
         found, left = self.relief(), self.view.resimulation
         return found, left(found).residual, left(self.answer.heights_m).residual
+
+    def residual_of(self, other: Reconstruction) -> float:
+        """What another result leaves of the image, through the lens that lines told if they did."""
+        is_here = other.heights_m.shape == (self.model.n, self.model.n)
+        if self.view.camera.spread is None or not is_here:
+            return other.residual
+        return min(other.residual, self.view.resimulation(other.heights_m).residual)
 
     def fit_to(self, answer: Answer) -> None:
         """Lines on the bench that was told, or found without them, from what a network says."""

@@ -133,7 +133,7 @@ class Fibres(Reconstructor):
             may_be_other = run.takes_lines and not run.is_noise_left and self.options.refine
             if may_be_other and is_free and run.reason == "converged":
                 other = direct or self._by_network(run, measured, initial, progress)
-                plain = other if other.residual < found.residual else None
+                plain = other if run.residual_of(other) < found.residual else None
             if plain is None:
                 plain = self._finished(found, run)
                 if run.takes_lines:

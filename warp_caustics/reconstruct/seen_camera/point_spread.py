@@ -31,6 +31,8 @@ lens of 0.3 px, four 0.3 %."""
 PHOTONS_PER_FINE_PIXEL = 2
 HALOS_PX = (3.0, 9.0)
 """Standard deviations of blur_k."""
+LEAST_HALO = -0.05
+"""A halo is light, but for errors, and for what software sharpens."""
 ALIKE = 0.003
 """Widths [px], and weights, that differ by less are the same."""
 
@@ -65,6 +67,11 @@ class PointSpread:
             "weights": np.round(self.weights, 6).tolist(),
             "halos": np.round(self.halos, 6).tolist(),
         }
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether a camera may be like that: one that is sharper than its lens by far makes up for wrong heights."""
+        return bool((self.weights[:, REACH, REACH] > 0).all() and (self.halos > LEAST_HALO).all())
 
     def is_like(self, other: Self) -> bool:
         """Whether another one shows the same, but for what no noise of an image tells."""
