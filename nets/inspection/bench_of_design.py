@@ -12,6 +12,7 @@ from functools import partial
 import torch
 
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.camera_of_lines import with_spread_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -93,7 +94,7 @@ def bench_of_design(
         together = BenchOfLines(numbers, told.image, told.model, pixels, camera, report=report)
         moved, at = together(lines, at)
         try:
-            found = _on(at, numbers, moved, told, measured)
+            found = _on(at, numbers, moved, told, measured, camera)
         except InputError:
             return best
         moved = fit(moved, found)
@@ -114,9 +115,17 @@ def _misfit(image: CausticImage, lines: torch.Tensor, told: LinesView, camera: C
     return fit.loss(told.model.heights(lines), at_exposure=True)
 
 
-def _on(bench: Bench, numbers: BenchNumbers, lines: torch.Tensor, told: LinesView, measured: CausticImage) -> LinesView:
-    """The image on another bench, with the camera that lines tell there."""
+def _on(
+    bench: Bench,
+    numbers: BenchNumbers,
+    lines: torch.Tensor,
+    told: LinesView,
+    measured: CausticImage,
+    known: ChannelCamera,
+) -> LinesView:
+    """The image on another bench, with the camera that lines tell there, and the point spread that is known of it."""
     device, exposure = told.resimulation.simulator.device, told.resimulation.exposure
     simulator = CausticSimulator(numbers.scene_of(bench.values), "lattice", device=device)
     plain = Resimulation(simulator, seen_on(measured, numbers, bench, exposure), exposure)
-    return LinesView(plain.through(plain.found_camera(told.relief(lines))), told.model)
+    camera = with_spread_of(plain.found_camera(told.relief(lines)), known)
+    return LinesView(plain.through(camera), told.model)

@@ -27,6 +27,7 @@ import torch
 from pydantic import Field
 
 from nets.inspection.bench_of_design import OnBench, bench_of_design
+from nets.inspection.lens_of_design import lens_of_design
 from nets.inspection.line_candidates import LineCandidates
 from nets.inspection.selection import MisfitMap, better_parts
 from nets.reconstruct import methods
@@ -236,15 +237,18 @@ class _Run:
 
     def _fitted_to_image(self, lines: torch.Tensor) -> FloatArray:
         """Relief of lines that explain the image better; notes whether anything but noise is left of it."""
-        view = LinesView(self.resimulation, self.lines.model)
-        found = self._fitted(lines, view)
+        told = view = LinesView(self.resimulation, self.lines.model)
+        found, view = lens_of_design(self._fitted(lines, view), view, self._fitted)
         if self.method.finds_bench and len(found) and not view.is_explained(found):
             numbers = self.method.numbers
             self.on_bench = bench_of_design(found, view, self.measured, numbers, self._fitted, self._note)
         if self.on_bench is not None:
             found, view = self.on_bench.lines, self.on_bench.view
+        if view is not told:
             self._judge_by(view.resimulation)
+            self.counters["camera"] = view.camera.record
         relief = view.relief(found)
+        self.misfit.correct_at(relief, view.camera)
         self.counters["misfit"]["image fit"] = self.total(relief)
         self.counters["discrepancy"] = left = view.discrepancy(relief)
         self.is_explained = is_explained(left)

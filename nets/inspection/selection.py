@@ -17,6 +17,8 @@ import torch
 
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import measurement_at
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -56,6 +58,22 @@ class MisfitMap:
         weight = self.measurement.weight.sum(0).cpu().numpy()
         self._weight = self._binned(weight)
 
+    def correct_at(self, heights_m: FloatArray, camera: ChannelCamera) -> None:
+        """Compare from now on as a lattice without end would, through a camera itself, about a relief [m], [n, n].
+
+        Args:
+            heights_m: of which little changes.
+            camera: that took the image; its blur is the one so far.
+        """
+        relief = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
+        exact = ExactPicture(self.simulator, camera)(relief) * self._per_radiosity
+        self.measurement.irradiance.sub_(exact - self._shown(relief))
+
+    def _shown(self, heights_m: torch.Tensor) -> torch.Tensor:
+        with torch.no_grad():
+            simulated = self.simulator(heights_m) * self._per_radiosity
+            return simulated if self._blur is None else blurred(simulated, self._blur)
+
     def _binned(self, pixels: FloatArray) -> FloatArray:
         rows = np.zeros((self.cells, pixels.shape[1]))
         np.add.at(rows, self._cell, pixels)
@@ -67,10 +85,7 @@ class MisfitMap:
         """Simulated minus measured, relative to the radiosity, shape [n_w, m, m]; 0 where a pixel does not count."""
         with torch.no_grad():
             found = torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device)
-            simulated = self.simulator(found) * self._per_radiosity
-            if self._blur is not None:
-                simulated = blurred(simulated, self._blur)
-            return (simulated - self.measurement.irradiance) * self.measurement.weight
+            return (self._shown(found) - self.measurement.irradiance) * self.measurement.weight
 
     def __call__(self, heights_m: FloatArray) -> FloatArray:
         """Mean misfit of the pixels over each cell [1], shape [n, n]."""
