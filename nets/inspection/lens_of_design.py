@@ -3,7 +3,7 @@
 import torch
 
 from nets.inspection.bench_of_design import Fit
-from nets.reconstruct.fibres.camera_of_lines import SPREAD_GAIN, SPREAD_ROUNDS, TELLING_SHARE, spread_asked
+from nets.reconstruct.fibres.camera_of_lines import SPREAD_ROUNDS, TELLING_SHARE, gain_of_spread, spread_asked
 from nets.reconstruct.fibres.lines_view import LinesView
 
 
@@ -25,7 +25,7 @@ def lens_of_design(lines: torch.Tensor, view: LinesView, fit: Fit) -> tuple[torc
         seen = LinesView(view.resimulation.blurred_by(camera), view.model)
         moved = fit(lines, seen)
         was, now = view.left(lines), seen.left(moved)
-        if was is None or now is None or not now < SPREAD_GAIN * was:
+        if was is None or now is None or not now < gain_of_spread(view) * was:
             break
         lines, view = moved, seen
     return lines, view

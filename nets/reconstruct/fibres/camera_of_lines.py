@@ -22,6 +22,8 @@ TELLING_SHARE = 0.15
 """Of an image, that lines may leave of it at most to be asked for the lens that it was seen through."""
 SPREAD_ROUNDS, SPREAD_GAIN = 5, 0.997
 """In which a point spread and lines are found in turn, while what they leave falls by this factor."""
+UNSEEN_GAIN = 0.9
+"""The same of an image that spectra do not call blurred: what wrong lines leave is blunter or sharper, too."""
 
 
 WIDER, WIDER_PX = 1.3, 0.35
@@ -98,8 +100,13 @@ def fit_with_camera(run: Run) -> None:
         if camera is None:
             return
         seen = LinesView(run.view.resimulation.blurred_by(camera), run.model)
-        if not _is_taken(run, seen, SPREAD_GAIN):
+        if not _is_taken(run, seen, gain_of_spread(run.view)):
             return
+
+
+def gain_of_spread(view: LinesView) -> float:
+    """Factor by which what is left of a view must fall for a point spread to be taken."""
+    return SPREAD_GAIN if view.camera.blurs else UNSEEN_GAIN
 
 
 def spread_asked(view: LinesView, heights_m: FloatArray) -> ChannelCamera | None:

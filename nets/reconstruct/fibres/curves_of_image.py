@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 
 from nets.reconstruct.direct import Direct
-from nets.reconstruct.fibres.camera_of_lines import SPREAD_GAIN, SPREAD_ROUNDS, spread_asked
+from nets.reconstruct.fibres.camera_of_lines import SPREAD_ROUNDS, gain_of_spread, spread_asked
 from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.descent_numbers import reshaped_widths
 from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE
@@ -168,7 +168,7 @@ class CurvesOfImage:
             lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
             self.view = LinesView(view.resimulation.blurred_by(camera), self.model)
             now = self.view.discrepancy(self._relief(lines))
-            if now is None or now > SPREAD_GAIN * left:
+            if now is None or now > gain_of_spread(view) * left:
                 self.view, self.model.shape = view, shape
                 return before
             left = now
