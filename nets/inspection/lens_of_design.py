@@ -8,13 +8,14 @@ from nets.reconstruct.fibres.lines_view import LinesView
 
 
 def lens_of_design(lines: torch.Tensor, view: LinesView, fit: Fit) -> tuple[torch.Tensor, LinesView]:
-    """Lines and the view through the point spread that they tell; as they were where that leaves no less.
+    """Lines and the view through the point spread that they tell; as they were where these leave more than noise.
 
     Args:
         lines: that explain the view, shape [L, 6] [m].
         view: the image on its bench.
         fit: fits lines to a view.
     """
+    told = lines, view
     for _ in range(SPREAD_ROUNDS):
         relief = view.relief(lines)
         if not len(lines) or view.resimulation(relief).residual > TELLING_SHARE:
@@ -28,4 +29,4 @@ def lens_of_design(lines: torch.Tensor, view: LinesView, fit: Fit) -> tuple[torc
         if was is None or now is None or not now < gain_of_spread(view) * was:
             break
         lines, view = moved, seen
-    return lines, view
+    return (lines, view) if view.is_explained(lines) else told

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 
 from nets.reconstruct.direct import Direct
-from nets.reconstruct.fibres.camera_of_lines import SPREAD_ROUNDS, gain_of_spread, spread_asked
+from nets.reconstruct.fibres.camera_of_lines import CLEAR_GAIN, SPREAD_ROUNDS, gain_of_spread, spread_asked
 from nets.reconstruct.fibres.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.descent_numbers import reshaped_widths
 from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE
@@ -158,6 +158,8 @@ class CurvesOfImage:
         left = self.view.discrepancy(self._relief(lines))
         if left is None or left > FAR_OF_NOISE:
             return lines
+        enough = CLEAR_GAIN * left if self.view.camera.blurs else 0.0
+        told = lines, self.view, self.model.shape
         for _ in range(SPREAD_ROUNDS):
             camera = spread_asked(self.view, self._relief(lines))
             if camera is None:
@@ -169,9 +171,11 @@ class CurvesOfImage:
             self.view = LinesView(view.resimulation.blurred_by(camera), self.model)
             now = self.view.discrepancy(self._relief(lines))
             if now is None or now > gain_of_spread(view) * left:
-                self.view, self.model.shape = view, shape
-                return before
+                lines, self.view, self.model.shape = before, view, shape
+                break
             left = now
+        if left > enough and not self._is_explained(lines):
+            lines, self.view, self.model.shape = told
         return lines
 
     def _is_better(self, found: FloatArray, before: FloatArray, told: LinesView) -> bool:

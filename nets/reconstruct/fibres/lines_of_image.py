@@ -14,7 +14,12 @@ from nets.reconstruct.fibres.bench_of_lines import (
     numbers_of_lines,
     seen_on,
 )
-from nets.reconstruct.fibres.camera_of_lines import fit_through_lens, tells_camera, with_spread_of
+from nets.reconstruct.fibres.camera_of_lines import (
+    fit_through_blurring_lens,
+    fit_through_lens,
+    tells_camera,
+    with_spread_of,
+)
 from nets.reconstruct.fibres.curves_of_image import (
     CurvesOfImage,
     CurvesOnImage,
@@ -176,6 +181,8 @@ class LinesOfImage:
             self._fit_with_gap()
         if self._asks_bench():
             self._fit_with_bench()
+        if self._is_near():
+            fit_through_blurring_lens(self)
 
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""

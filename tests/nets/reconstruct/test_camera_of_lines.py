@@ -8,7 +8,12 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines, seen_on
-from nets.reconstruct.fibres.camera_of_lines import fit_on_told, fit_with_camera, with_spread_of
+from nets.reconstruct.fibres.camera_of_lines import (
+    fit_on_told,
+    fit_through_blurring_lens,
+    fit_through_lens,
+    with_spread_of,
+)
 from nets.reconstruct.fibres.lines_view import LinesView
 from tests.nets.reconstruct.cameras import blurring
 from tests.nets.reconstruct.exact_light import light_of
@@ -57,23 +62,28 @@ def run_with(model, image, lines, blur_px):
     run = SimpleNamespace(
         model=model, lines=lines, view=view, bench=Bench.told(numbers), numbers=numbers, on=on, together=together
     )
-    run.moves_section, run.is_elsewhere, run.note = False, False, lambda loss: None
+    run.moves_section, run.is_elsewhere, run.note, run.search = (
+        False,
+        False,
+        lambda loss: None,
+        lambda lines, jumps: None,
+    )
     return run
 
 
 def test_lines_that_are_right_tell_the_blur(model, image):
     """To a hundredth of a pixel, with lines 20 um off, which the wrong blur had bent."""
     run = run_with(model, image, LINES + 2e-5, 0.5)
-    fit_with_camera(run)
+    fit_through_lens(run)
     np.testing.assert_allclose(run.view.camera.blur, BLUR, atol=0.02)
     assert error_um(model, run.lines) < 0.3 * error_um(model, LINES + 2e-5)
 
 
 def test_a_camera_that_is_right_stays(model, image):
     run = run_with(model, image, LINES, 0.5)
-    fit_with_camera(run)
+    fit_through_lens(run)
     lines, view = run.lines, run.view
-    fit_with_camera(run)
+    fit_through_lens(run)
     assert run.lines is lines and run.view is view
 
 
@@ -86,7 +96,7 @@ def test_an_interrupted_fit_changes_nothing(model, image):
 
     run.note = stop
     with pytest.raises(KeyboardInterrupt):
-        fit_with_camera(run)
+        fit_through_lens(run)
     assert run.lines is lines and run.view is view
 
 
@@ -107,7 +117,7 @@ def test_a_lens_before_the_pixels_is_found(model, through_lens):
     """With lines 20 um off; a Gaussian in the pixels' band leaves three times the noise, and lines further off."""
     run = run_with(model, through_lens, LINES + 2e-5, 0.5)
     usual = run.view.left(LINES)
-    fit_with_camera(run)
+    fit_through_lens(run)
     np.testing.assert_allclose(run.view.camera.spread.lens_px, 0.5, atol=0.03)
     assert run.view.left(run.lines) < 0.5 * usual
     assert run.view.is_explained(run.lines)
@@ -119,8 +129,20 @@ def test_a_camera_that_is_sharp_is_not_asked(model):
     shown = light_of(SCENE, model.heights(LINES)).numpy()
     noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
     run = run_with(model, CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE)), LINES, 0.0)
-    fit_with_camera(run)
+    fit_through_lens(run)
     assert run.view.camera.is_perfect
+
+
+def test_lines_that_leave_more_than_noise_tell_no_lens(model):
+    """One is missing: a camera that sharpens would leave less, and all lines further off."""
+    more = torch.cat([LINES, 1e-3 * torch.tensor([[2.0, -17.0, 6.0, 15.0, 3.6, 0.6]], dtype=torch.float64)])
+    shown = light_of(SCENE, model.heights(more)).numpy()
+    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    run = run_with(model, CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE)), LINES, 0.5)
+    fit_through_lens(run)
+    fit_through_blurring_lens(run)
+    assert not run.view.is_explained(run.lines)
+    assert run.view.camera.spread is None
 
 
 def test_a_bench_that_was_found_for_want_of_the_lens_is_left(model, through_lens):
@@ -128,7 +150,7 @@ def test_a_bench_that_was_found_for_want_of_the_lens_is_left(model, through_lens
     told, wrong = run.bench, dict(run.bench.values) | {"ambient": 0.01}
     run.bench, run.is_elsewhere = dataclasses.replace(told, values=wrong), True
     run.view = run.on(run.bench, run.view.camera)
-    fit_with_camera(run)
+    fit_through_lens(run)
     fit_on_told(run)
     assert run.bench.values == told.values
     assert not run.is_elsewhere
@@ -142,7 +164,7 @@ def test_a_bench_that_is_another_stays(model):
     bench = run.bench = dataclasses.replace(run.bench, values=dict(run.bench.values) | there)
     run.is_elsewhere = True
     run.view = run.on(run.bench, run.view.camera)
-    fit_with_camera(run)
+    fit_through_lens(run)
     lines, view = run.lines, run.view
     assert view.camera.spread is not None
     fit_on_told(run)
