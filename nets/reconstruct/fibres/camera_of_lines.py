@@ -56,7 +56,7 @@ class Run(Protocol):
         """Finds bench and lines with the camera so far."""
 
 
-def tells_camera(run: Run) -> bool:
+def _tells_camera(run: Run) -> bool:
     """Whether lines are near enough to the plate's to tell a lens; that may leave many times the noise."""
     return run.view.resimulation(run.view.relief(run.lines)).residual < TELLING_SHARE
 
@@ -71,9 +71,13 @@ def fit_through_lens(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those so far.
     """
-    fit_with_blur(run)
+    is_near = run.view.is_near(run.lines)
+    if is_near:
+        fit_with_blur(run)
     if run.view.camera.spread is not None:
         fit_with_spread(run)
+        return
+    if not is_near and not _tells_camera(run):
         return
     kept = run.lines, run.view, run.bench, run.model.shape, run.is_elsewhere
     is_kept = False
@@ -134,8 +138,16 @@ def fit_with_spread(run: Run) -> None:
         if camera is None:
             return
         seen = LinesView(run.view.resimulation.blurred_by(camera), run.model)
+        if not run.view.camera.blurs and not _leaves_less(seen, run.lines, run.view):
+            return
         if not _is_taken(run, seen, gain_of_spread(run.view)):
             return
+
+
+def _leaves_less(seen: LinesView, lines: torch.Tensor, view: LinesView) -> bool:
+    """Whether a lens that spectra do not see explains lines as they are: no descent is needed to tell."""
+    was, now = view.left(lines), seen.left(lines)
+    return was is not None and now is not None and now < UNSEEN_GAIN * was
 
 
 def gain_of_spread(view: LinesView) -> float:

@@ -17,7 +17,6 @@ from nets.reconstruct.fibres.bench_of_lines import (
 from nets.reconstruct.fibres.camera_of_lines import (
     fit_through_blurring_lens,
     fit_through_lens,
-    tells_camera,
     with_spread_of,
 )
 from nets.reconstruct.fibres.curves_of_image import (
@@ -173,8 +172,7 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
-        if self._is_near() or tells_camera(self):
-            fit_through_lens(self)
+        fit_through_lens(self)
         if self._is_near() and self.method.options.losses is not False:
             self._fit_with_losses()
         if self._is_near() and not self.method.takes_bench_as_told:
