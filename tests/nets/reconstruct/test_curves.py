@@ -13,6 +13,7 @@ from nets.reconstruct.fibres.curves_paths import paths_of, section_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.methods import create
+from tests.nets.reconstruct.cameras import blurring
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES
 from warp_caustics.prints.chain_model import ChainModel
@@ -24,6 +25,7 @@ from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.point_spread import FineLight, before_weights
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -168,6 +170,21 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
     assert stopped.stop_reason == "interrupted" and stopped.paths is None
     plain = create("fibres", SCENE, curves=False, **about).reconstruct(image)
     assert plain.paths is None and "curves" not in plain.counters
+
+
+def test_curves_tell_the_lens(model, heights):
+    """Half a pixel of blur before the pixels, which spectra took for a Gaussian in their band."""
+    fine = FineLight(CausticSimulator(SCENE))(heights)
+    shown = torch.stack([before_weights(light, 2 * N, 0.5, 0.0) for light in fine]).numpy()
+    noise = 0.5 * NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.5 * NOISE))
+    curves, view = search(model, image)
+    curves.view = LinesView(view.resimulation.blurred_by(blurring(0.5, 2 * N)), model)
+    found = curves(said(1.03 * heights.numpy(), np.full((N, N), 2e-6)))
+    assert found is not None
+    np.testing.assert_allclose(curves.view.camera.spread.lens_px, 0.5, atol=0.05)
+    assert curves.view.is_relief_explained(curves.view.glass(found.heights))
+    assert error_um(found.heights, heights) < 0.7 * error_um(1.03 * heights, heights)
 
 
 def test_what_no_line_tells_is_left(model):

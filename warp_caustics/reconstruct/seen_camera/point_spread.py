@@ -54,6 +54,13 @@ class PointSpread:
     halos: FloatArray
 
     @classmethod
+    def of_lens(cls, lens_px: FloatArray) -> Self:
+        """That of a lens and nothing else: standard deviations of its blur [px], shape [n_w]."""
+        weights = np.zeros((len(lens_px), 2 * REACH + 1, 2 * REACH + 1))
+        weights[:, REACH, REACH] = 1.0
+        return cls(lens_px, np.zeros(len(lens_px)), weights, np.zeros((len(lens_px), len(HALOS_PX))))
+
+    @classmethod
     def of_record(cls, record: dict[str, Any]) -> Self:
         """The one that :attr:`record` was made of."""
         return cls(*(np.asarray(record[key], dtype=np.float64) for key in ("lens_px", "band_px", "weights", "halos")))

@@ -13,7 +13,7 @@ from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
-from warp_caustics.reconstruct.seen_camera.point_spread import FINENESS, HALOS_PX, REACH, FineLight, PointSpread
+from warp_caustics.reconstruct.seen_camera.point_spread import FINENESS, REACH, FineLight, PointSpread
 from warp_caustics.reconstruct.seen_camera.spread_estimate import equal_blur_px, found_spread
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.simulator import CausticSimulator
@@ -64,9 +64,7 @@ def sampled(fine, sigma_px):
 
 
 def spread_of(lens_px=0.0, band_px=0.0):
-    weights = np.zeros((3, 2 * REACH + 1, 2 * REACH + 1))
-    weights[:, REACH, REACH] = 1.0
-    return PointSpread(np.full(3, lens_px), np.full(3, band_px), weights, np.zeros((3, len(HALOS_PX))))
+    return dataclasses.replace(PointSpread.of_lens(np.full(3, lens_px)), band_px=np.full(3, band_px))
 
 
 def found_in(shown, fine, blur_px):
