@@ -41,10 +41,13 @@ class ExtrapolatedCaustic:
         return caustic
 
 
-def with_photons(simulator: CausticSimulator, n_photons: int) -> CausticSimulator:
-    """The same scene and footprints, on another lattice."""
+def with_photons(simulator: CausticSimulator, n_photons: int, image_pixels: int | None = None) -> CausticSimulator:
+    """The same plate and kind of footprints, on another lattice, and with as many pixels unless others are given."""
+    scene = simulator.scene
+    if image_pixels is not None:
+        scene = scene.model_copy(update={"image_pixels": image_pixels})
     return CausticSimulator(
-        simulator.scene,
+        scene,
         "lattice",
         n_photons=n_photons,
         smoothing=simulator.smoothing,

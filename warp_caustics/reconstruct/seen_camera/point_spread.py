@@ -13,12 +13,13 @@ scatter some. Left out it looks like stray light, and that like another index.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
 import torch
 
+from warp_caustics.extrapolated import with_photons
 from warp_caustics.resampling import blur_matrix
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -105,15 +106,17 @@ class PointSpread:
 
 def before_weights(light: torch.Tensor, pixels: int, lens_px: float, band_px: float) -> torch.Tensor:
     """One channel's picture [m, m] of light on fine pixels, [k m, k m], before its weights."""
-    fine = light.shape[-1]
-    along = torch.eye(pixels, dtype=torch.float64).repeat_interleave(fine // pixels, 1) / (fine // pixels)
-    if lens_px:
-        along = along @ blur_matrix(fine, lens_px * (fine / pixels))
-    if band_px:
-        along = blur_matrix(pixels, band_px) @ along
-    matrix = along.to(light)
+    matrix = _along(pixels, light.shape[-1], lens_px, band_px).to(light)
     seen: torch.Tensor = matrix @ light @ matrix.T
     return seen
+
+
+@lru_cache(maxsize=8)
+def _along(pixels: int, fine: int, lens_px: float, band_px: float) -> torch.Tensor:
+    """From fine pixels through a lens to means over pixels, blurred in their band, shape [m, k m], float64."""
+    k = fine // pixels
+    along = blur_matrix(fine, lens_px * k).reshape(pixels, k, fine).mean(1)
+    return blur_matrix(pixels, band_px) @ along if band_px else along
 
 
 def in_halos(shown: torch.Tensor) -> list[torch.Tensor]:
@@ -143,16 +146,7 @@ class FineLight:
         return self._with(PHOTONS_PER_FINE_PIXEL / 2)
 
     def _with(self, photons_per_pixel: float) -> CausticSimulator:
-        given, fine = self._simulator, self.fine_pixels
-        return CausticSimulator(
-            given.scene.model_copy(update={"image_pixels": fine}),
-            "lattice",
-            n_photons=round(photons_per_pixel * fine**2),
-            smoothing=given.smoothing,
-            profile=given.profile,
-            device=given.device,
-            dtype=given.dtype,
-        )
+        return with_photons(self._simulator, round(photons_per_pixel * self.fine_pixels**2), self.fine_pixels)
 
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
