@@ -169,7 +169,8 @@ def rest_lines(record: Mapping[str, Any]) -> list[str]:
     camera = counters.get("camera") or {}
     apart = max((abs(value) for shift in camera.get("shift_px", []) for value in shift), default=0.0)
     blur = max(camera.get("blur_px", []), default=0.0)
-    found = [f"channels {apart:.2g} px apart"] * (apart > 0) + [f"blur of {blur:.2g} px"] * (blur > 0)
+    lens = " by its point spread" if "spread" in camera else ""
+    found = [f"channels {apart:.2g} px apart"] * (apart > 0) + [f"blur of {blur:.2g} px{lens}"] * (blur > 0)
     if "mosaic" in counters:
         found.append(f"colour filters {counters['mosaic']}, pixels made up between them")
     return [*lines, *([f"camera     {', '.join(found)}: in the model"] if found else [])]

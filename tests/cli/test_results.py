@@ -11,6 +11,10 @@ CAMERA = {"shift_px": [[0.2, 0.0], [0.0, 0.0]], "blur_px": [0.0, 0.7]}
     ("counters", "line"),
     [
         ({"camera": CAMERA}, "camera     channels 0.2 px apart, blur of 0.7 px: in the model"),
+        (
+            {"camera": {"shift_px": [], "blur_px": [0.52], "spread": {}}},
+            "camera     blur of 0.52 px by its point spread: in the model",
+        ),
         ({"mosaic": "rggb"}, "camera     colour filters rggb, pixels made up between them: in the model"),
         (
             {"camera": CAMERA, "mosaic": "grbg"},
