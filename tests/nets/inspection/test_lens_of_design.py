@@ -10,12 +10,11 @@ from nets.inspection.lens_of_design import lens_of_design
 from nets.inspection.selection import WIDTH, MisfitMap
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
-from tests.nets.reconstruct.cameras import blurring
+from tests.nets.reconstruct.cameras import blurring, through_lens
 from tests.nets.reconstruct.three_lines import LINES, SCENE, error_um
 from warp_caustics.prints.model import LineModel
-from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
-from warp_caustics.reconstruct.seen_camera.point_spread import FineLight, PointSpread, before_weights
+from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread
 from warp_caustics.simulator import CausticSimulator
 
 NOISE, LENS_PX, PIXELS = 0.005, 0.5, SCENE.image_pixels
@@ -27,11 +26,7 @@ def model():
 
 
 def photographed(model, lines):
-    """Through a lens before the pixels."""
-    fine = FineLight(CausticSimulator(SCENE))(model.heights(lines))
-    shown = torch.stack([before_weights(light, PIXELS, LENS_PX, 0.0) for light in fine]).numpy()
-    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
-    return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
+    return through_lens(SCENE, model.heights(lines), LENS_PX, NOISE)
 
 
 @pytest.fixture(scope="module")

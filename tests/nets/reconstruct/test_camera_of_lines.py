@@ -15,14 +15,13 @@ from nets.reconstruct.fibres.camera_of_lines import (
     with_spread_of,
 )
 from nets.reconstruct.fibres.lines_view import LinesView
-from tests.nets.reconstruct.cameras import blurring
+from tests.nets.reconstruct.cameras import blurring, through_lens
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, error_um
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
-from warp_caustics.reconstruct.seen_camera.point_spread import FineLight, before_weights
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
@@ -101,21 +100,17 @@ def test_an_interrupted_fit_changes_nothing(model, image):
 
 
 def photographed(model, scene):
-    """An image that a lens blurred by half a pixel before its pixels."""
-    fine = FineLight(CausticSimulator(scene))(model.heights(LINES))
-    shown = torch.stack([before_weights(light, SCENE.image_pixels, 0.5, 0.0) for light in fine]).numpy()
-    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
-    return CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
+    return through_lens(scene, model.heights(LINES), 0.5, NOISE)
 
 
 @pytest.fixture(scope="module")
-def through_lens(model):
+def lens_image(model):
     return photographed(model, SCENE)
 
 
-def test_a_lens_before_the_pixels_is_found(model, through_lens):
+def test_a_lens_before_the_pixels_is_found(model, lens_image):
     """With lines 20 um off; a Gaussian in the pixels' band leaves three times the noise, and lines further off."""
-    run = run_with(model, through_lens, LINES + 2e-5, 0.5)
+    run = run_with(model, lens_image, LINES + 2e-5, 0.5)
     usual = run.view.left(LINES)
     fit_through_lens(run)
     np.testing.assert_allclose(run.view.camera.spread.lens_px, 0.5, atol=0.03)
@@ -145,8 +140,8 @@ def test_lines_that_leave_more_than_noise_tell_no_lens(model):
     assert run.view.camera.spread is None
 
 
-def test_a_bench_that_was_found_for_want_of_the_lens_is_left(model, through_lens):
-    run = run_with(model, through_lens, LINES, 0.5)
+def test_a_bench_that_was_found_for_want_of_the_lens_is_left(model, lens_image):
+    run = run_with(model, lens_image, LINES, 0.5)
     told, wrong = run.bench, dict(run.bench.values) | {"ambient": 0.01}
     run.bench, run.is_elsewhere = dataclasses.replace(told, values=wrong), True
     run.view = run.on(run.bench, run.view.camera)

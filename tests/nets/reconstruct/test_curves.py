@@ -13,7 +13,7 @@ from nets.reconstruct.fibres.curves_paths import paths_of, section_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.methods import create
-from tests.nets.reconstruct.cameras import blurring
+from tests.nets.reconstruct.cameras import blurring, through_lens
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES
 from warp_caustics.prints.chain_model import ChainModel
@@ -25,7 +25,6 @@ from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.reconstruct.seen_camera.point_spread import FineLight, before_weights
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -174,10 +173,7 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
 
 def test_curves_tell_the_lens(model, heights):
     """Half a pixel of blur before the pixels, which spectra took for a Gaussian in their band."""
-    fine = FineLight(CausticSimulator(SCENE))(heights)
-    shown = torch.stack([before_weights(light, 2 * N, 0.5, 0.0) for light in fine]).numpy()
-    noise = 0.5 * NOISE * np.random.default_rng(0).standard_normal(shown.shape)
-    image = CausticImage((shown + noise).astype(np.float32), np.full(3, 0.5 * NOISE))
+    image = through_lens(SCENE, heights, 0.5, 0.5 * NOISE)
     curves, view = search(model, image)
     curves.view = LinesView(view.resimulation.blurred_by(blurring(0.5, 2 * N)), model)
     found = curves(said(1.03 * heights.numpy(), np.full((N, N), 2e-6)))

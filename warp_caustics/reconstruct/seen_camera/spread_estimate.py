@@ -5,6 +5,7 @@ along a line. Where a relief is still wrong, lines that lie beside their place l
 blur first (:mod:`~warp_caustics.reconstruct.seen_camera.blur_estimate`), and this is asked of what leaves little.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import torch
 
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.reconstruct.seen_camera.point_spread import HALOS_PX, REACH, PointSpread, before_weights, in_halos
+from warp_caustics.reconstruct.seen_camera.point_spread import REACH, PointSpread, before_weights, in_halos
 from warp_caustics.types import FloatArray
 
 WIDTH = 0.05
@@ -28,6 +29,8 @@ LEAST_SEEN = 0.5
 """Of a channel's pixels that must count for it to be asked."""
 WEIGHT_WIDTH = 0.1
 """Standard deviation of what is believed of a weight, beside 1 in the middle and 0 elsewhere."""
+EVEN = 1e-9
+"""Of what a picture says of its brightness, what is believed of that before."""
 STRIP_ROWS = 256
 """Rows that are looked at together, for the memory's sake."""
 
@@ -51,20 +54,20 @@ def found_spread(measurement: Measurement, fine: torch.Tensor, camera: ChannelCa
         fine: light of the relief on fine pixels, in the same units, shape [n_w, k m, k m].
         camera: so far; channels of which too little is seen keep its blur.
     """
-    fits, form = dict[int, _Fit](), None
+    known = camera.spread or replace(PointSpread.of_lens(np.zeros(len(fine))), band_px=camera.blur)
+    fits, form, form_blur = dict[int, _Fit](), None, 0.0
     middle = len(fine) // 2
     for channel in sorted(range(len(fine)), key=lambda c: abs(c - middle)):
-        blur = float(camera.blur[channel])
-        before = _Fit(0.0, blur, *_nothing()) if camera.spread is None else _of(camera.spread, channel)
+        blur, before = float(camera.blur[channel]), _of(known, channel)
         measured, counts = measurement.irradiance[channel], measurement.weight[channel]
         if float(counts.mean()) < LEAST_SEEN:
             fits[channel] = before
             continue
         search = _Search(fine[channel], measured, counts, blur)
         if form is None:
-            form = *search.form(before.lens_px, before.band_px), max(blur, LEAST_BLUR_PX)
+            form, form_blur = search.form(before.lens_px, before.band_px), max(blur, LEAST_BLUR_PX)
         # One lens blurs all wavelengths in the same way, if not by as much.
-        wider = max(blur, LEAST_BLUR_PX) / form[2]
+        wider = max(blur, LEAST_BLUR_PX) / form_blur
         fits[channel] = search.about(wider * form[0], blur if form[1] else 0.0)
     lens, band, weights, halos, _ = zip(*(fits[channel] for channel in range(len(fine))), strict=True)
     return PointSpread(np.array(lens), np.array(band), np.stack(weights), np.stack(halos))
@@ -77,13 +80,6 @@ def _of(spread: PointSpread, channel: int) -> _Fit:
 
 def _left(fit: _Fit) -> float:
     return fit.left
-
-
-def _nothing() -> tuple[FloatArray, FloatArray]:
-    """Weights and halos of a camera that has none."""
-    weights = np.zeros((2 * REACH + 1, 2 * REACH + 1))
-    weights[REACH, REACH] = 1.0
-    return weights, np.zeros(len(HALOS_PX))
 
 
 class _Search:
@@ -154,7 +150,8 @@ class _Search:
         matrix, right, square = normal[:-1, :-1], normal[:-1, -1], normal[-1, -1]
         # Weights of a picture that is soft already could be anything: they are believed to be few.
         believed = torch.full_like(right, float(square / self.weight.count_nonzero()) / WEIGHT_WIDTH**2)
-        believed[count:] = 0.0
+        # Of an even picture brightness and even light are one: neither is told, and neither matters.
+        believed[count:] = EVEN * matrix.diagonal()[count:]
         solution = torch.linalg.solve(matrix + believed.diag(), right)
         left = float(square - solution @ right)
         found, brightness = solution[:count].cpu().numpy(), 1.0 + float(solution[count])

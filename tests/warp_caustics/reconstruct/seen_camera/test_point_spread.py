@@ -158,6 +158,13 @@ def test_a_channel_that_is_not_seen_keeps_its_blur(fine):
     np.testing.assert_allclose(found.lens_px[1:], 0.5, atol=0.05)
 
 
+def test_an_even_picture_tells_nothing(fine):
+    """And is no reason to fail."""
+    even = torch.ones_like(fine)
+    found = found_in(binned(even), even, 0.4)
+    np.testing.assert_allclose(found(even, PIXELS).numpy(), 1.0, atol=1e-4)
+
+
 def test_the_nearest_gaussian(fine):
     sharp = binned(fine)
     seen = blurred(sharp, blur_matrices(PIXELS, np.array([0.4, 0.9, 1.5]), "cpu"))
