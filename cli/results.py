@@ -43,6 +43,8 @@ SAMPLE_FILES = ("samples.npy",)
 """What it holds besides where samples were asked for: of what the image leaves open, shape [N, n, n] [m], float32."""
 
 ALL_FILES = (*FILES, *UNCERTAINTY_FILES, *FIBRE_FILES, *PATH_FILES, *SAMPLE_FILES)
+LEAST_UNEVEN = 2e-3
+"""Of light over a picture, from which on people are told."""
 RECONSTRUCTION = ResultKind("reconstruction", ALL_FILES)
 
 
@@ -125,7 +127,7 @@ def write_results(
     figure = overview_figure(
         scene=scene,
         measured=inputs.capture.irradiance,
-        simulated=result.image,
+        simulated=result.picture,
         heights_m=result.heights_m,
         caption=f"{result.method}: {'; '.join(_figures(result, record))}",
     )
@@ -135,7 +137,7 @@ def write_results(
         scene=scene,
         record=record,
         measured=inputs.capture.irradiance,
-        simulated=result.image,
+        simulated=result.picture,
         heights_m=result.heights_m,
         uncertainty_m=result.uncertainty_m,
         reference_m=inputs.reference,
@@ -205,6 +207,8 @@ def found_bench_lines(result: "Reconstruction") -> list[str]:
         return []
     untold = [number["name"] for number in found["numbers"] if number["verdict"] == NOT_TOLD]
     lines = [_number_line(number) for number in found["numbers"] if number["verdict"] != NOT_TOLD]
+    if found.get("uneven", 0.0) >= LEAST_UNEVEN:
+        lines.append(f"bench      light uneven by {100 * found['uneven']:.2g} % over the picture, found with the lines")
     return [*lines, *([f"bench      {NOT_TOLD}: {', '.join(untold)}"] if untold else [])]
 
 

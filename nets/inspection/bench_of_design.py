@@ -11,7 +11,8 @@ from functools import partial
 
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, bench_record, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.bench_and_light import Bench, bench_record, seen_on
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.camera_of_lines import with_spread_of
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation
@@ -128,4 +129,5 @@ def _on(
     simulator = CausticSimulator(numbers.scene_of(bench.values), "lattice", device=device)
     plain = Resimulation(simulator, seen_on(measured, numbers, bench, exposure), exposure)
     camera = with_spread_of(plain.found_camera(told.relief(lines)), known)
+    camera = dataclasses.replace(camera, size=numbers.picture_size(bench.values))
     return LinesView(plain.through(camera), told.model)

@@ -18,7 +18,7 @@ left of the image and how well the bench is known are part of the uncertainty.
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -31,7 +31,7 @@ from nets.inspection.lens_of_design import lens_of_design
 from nets.inspection.line_candidates import LineCandidates
 from nets.inspection.selection import MisfitMap, better_parts
 from nets.reconstruct import methods
-from nets.reconstruct.fibres.bench_of_lines import as_measured
+from nets.reconstruct.fibres.bench_and_light import as_measured
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.search import Answer
@@ -380,13 +380,8 @@ class _Run:
             no_uncertainty="no second reconstruction was made that tells how far another lies",
         )
         if self.on_bench is not None:
-            seen = as_measured(
-                reconstruction.image.astype(np.float64),
-                self.on_bench.numbers,
-                self.on_bench.bench,
-                self.resimulation.exposure,
-            )
-            reconstruction = replace(reconstruction, image=seen.astype(reconstruction.image.dtype))
+            on = self.on_bench
+            reconstruction = as_measured(reconstruction, on.numbers, on.bench, self.resimulation.exposure)
         if is_asked:
             reconstruction = with_causes(
                 reconstruction, self.measured, self.method.simulator, self.method.numbers, self.free

@@ -307,10 +307,15 @@ class BenchSearch:
         """With its caustic as the image has it: stray light and all, divided by the flat frame of its bench."""
         scene, stray = self.method.scene, values.get(AMBIENT, self.numbers.before[AMBIENT])
         light = np.asarray(scene.radiosity_W_m2) * _exposure(result)
-        shown = result.image / self._flat_ratio(values)
-        seen = (shown + stray * light[:, None, None]) / (1 + stray)
-        seen = enlarged(torch.as_tensor(seen), self.numbers.picture_size(values)).numpy()
-        return dataclasses.replace(result, image=seen.astype(result.image.dtype))
+        ratio, size = self._flat_ratio(values), self.numbers.picture_size(values)
+
+        def as_measured(shown: FloatArray) -> FloatArray:
+            seen = (shown / ratio + stray * light[:, None, None]) / (1 + stray)
+            measured: FloatArray = enlarged(torch.as_tensor(seen), size).numpy().astype(shown.dtype)
+            return measured
+
+        shown = None if result.shown is None else as_measured(result.shown)
+        return dataclasses.replace(result, image=as_measured(result.image), shown=shown)
 
     def _flat_ratio(self, values: Mapping[str, float]) -> FloatArray:
         """Light of a flat plate on the bench of these values over that on the told one, shape [n_w, m, m]."""

@@ -111,7 +111,7 @@ class BenchModel:
             low, high = difference_ends(parameter, at, STEP * steps[name])
             end = high if high > at else low
             columns.append((self.image(heights, {**values, name: end}) - image) / (end - at))
-        return torch.stack(columns)
+        return torch.stack(columns) if columns else image.new_zeros(0, *image.shape)
 
     def by_heights(
         self, heights: torch.Tensor, values: Mapping[str, float], image: torch.Tensor, changes: torch.Tensor

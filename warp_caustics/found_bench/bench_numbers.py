@@ -1,6 +1,6 @@
 """Which numbers of a bench are looked for in one image, what is believed of them, and which no image tells."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from warp_caustics.errors import InputError
@@ -121,6 +121,10 @@ class BenchNumbers:
         if self.told_widths.get(MAGNIFICATION) == 0 or VERGENCE not in self.names or not self.scene.is_collimated:
             return None
         return replace(self, is_picture=True)
+
+    def only(self, names: Collection[str]) -> "BenchNumbers":
+        """The same, of which some are looked for: those of the names that are among them."""
+        return replace(self, parameters=tuple(p for p in self.parameters if p.name in names))
 
     def within(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values brought into the ranges of their numbers."""

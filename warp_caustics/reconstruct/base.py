@@ -103,6 +103,8 @@ class Reconstruction:
             the method found that (``counters["exposure"]``). Never blurred, its channels never apart. Where a network
             refined another number of samples than the scene has (``settings["network"]["sees"]``), it is that of the
             relief of which ``heights_m`` are means or splines; so are residual and trust.
+        shown: the same through the camera that took the measured one, where one was found: blurred as that is, its
+            channels where they lay. None where it is ``image``; see :attr:`picture`.
         residual: relative image residual ||image - measured|| / ||measured||, each wavelength in units of its light.
             Where the method found a camera (``counters["camera"]``), the image is blurred as the measured one is, and
             the measured channels are moved together.
@@ -141,6 +143,12 @@ class Reconstruction:
     no_uncertainty: str = ""
     trust: "Trust | None" = None
     samples_m: FloatArray | None = None
+    shown: FloatArray | None = None
+
+    @property
+    def picture(self) -> FloatArray:
+        """What the measured image is to be compared with [W/m^2], shape [n_w, m, m]."""
+        return self.image if self.shown is None else self.shown
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.heights_m.shape))

@@ -29,7 +29,7 @@ from warp_caustics.reconstruct.seen_camera.mosaic_registration import registered
 from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.reconstruct.seen_camera.spread_estimate import equal_blur_px, found_spread
 from warp_caustics.reconstruct.trust import Seen, Trust, image_trust, seen_by_camera
-from warp_caustics.resampling import blur_matrices, blurred
+from warp_caustics.resampling import blur_matrices, blurred, resampled, spline_reach
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -84,7 +84,7 @@ class Resimulation:
         self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
         self.mosaic = pattern_of(image.own) if image.is_mosaic and image.own is not None else None
         self._blur: torch.Tensor | None = None
-        self._fine = FineLight(simulator)
+        self._fine, self._is_exact = FineLight(simulator), False
         self._known_spread: list[tuple[FloatArray, bool, torch.Tensor]] = []
 
     def __call__(self, heights: FloatArray) -> Resimulated:
@@ -93,7 +93,7 @@ class Resimulation:
 
     def _seen(self, heights: FloatArray, *, by_half: bool = False) -> torch.Tensor:
         """As the camera sees a relief, by all photons or half of them, in units of the radiosity, shape [n_w, m, m]."""
-        if self.camera.spread is not None:
+        if self.camera.spread is not None or (self._is_exact and self.camera.lays is not None):
             return self._spread(heights, by_half)
         if by_half:
             half = with_photons(self.simulator, max(1, self.simulator.n_photons // 2))
@@ -103,14 +103,35 @@ class Resimulation:
             seen = self._simulated(heights) / self._radiosity
         return seen if self._blur is None else blurred(seen, self._blur)
 
+    def shown(self, heights: FloatArray) -> FloatArray | None:
+        """What the camera shows of a relief as it took it [W/m^2], shape [n_w, m, m]: channels apart, of its own size.
+
+        None for a perfect camera.
+        """
+        camera, pixels = self.camera, self.simulator.scene.image_pixels
+        if camera.is_perfect and camera.lays is None:
+            return None
+        if camera.spread is not None or (self._is_exact and camera.lays is not None):
+            lays = None if camera.lays is None else [lay._replace(is_back=False) for lay in camera.lays]
+            seen = camera.shown_by(self._fine.plain(self.relief(heights)), pixels, lays)
+        else:
+            about = self._simulated(heights)
+            shift, scale, blur = (
+                torch.as_tensor(each, dtype=about.dtype, device=about.device)
+                for each in (camera.size * camera.shift, camera.size * (1 + camera.scale) - 1, camera.blur)
+            )
+            seen = resampled(about, shift, scale, blur, spline_reach(float(camera.blur.max())))
+        light: FloatArray = seen.cpu().numpy() * self.exposure.astype(np.float32)[:, None, None]
+        return light
+
     def _spread(self, heights: FloatArray, by_half: bool) -> torch.Tensor:
-        """The same by the camera's point spread."""
+        """The same by the camera's point spread, on the pixels that there were."""
         for known, halved, seen in self._known_spread:
             if known is heights and halved == by_half:
                 return seen
-        assert self.camera.spread is not None
         light = self._fine.plain(self.relief(heights), by_half=by_half)
-        seen = self.camera.spread(light, self.simulator.scene.image_pixels) / self._radiosity
+        pixels = self.simulator.scene.image_pixels
+        seen = self.camera.shown_by(light, pixels, self.camera.lays) / self._radiosity
         self._known_spread[:] = [*self._known_spread[1 - self.REMEMBERED :], (heights, by_half, seen)]
         return seen
 
@@ -230,7 +251,7 @@ class Resimulation:
 
         Its ``image`` has the channels together; the caustics that calls return stay those of the scene.
         """
-        if camera.is_perfect:
+        if camera.is_perfect and camera.lays is None:
             return self
         device = self.simulator.device
         image = channels_together(self.image, camera, device) if camera.displaces else self.image
@@ -259,13 +280,18 @@ class Resimulation:
             return self
         return Resimulation(self.simulator, self._given, self.exposure * ratio)
 
+    def exactly(self) -> "Resimulation":
+        """The same on the pixels that there were where channels lay apart, for heights that were found so."""
+        seen = copy.copy(self)
+        seen._is_exact, seen._known_spread = True, []
+        return seen
+
     def finer(self) -> "Resimulation":
         """The same by more photons, without most of a usual lattice's error: for heights that were found without."""
-        simulator = self.simulator
+        simulator, seen = self.simulator, self.exactly()
         n_photons = min(FINER * simulator.n_photons, MOST_PHOTONS)
         if n_photons <= simulator.n_photons:
-            return self
-        seen = copy.copy(self)
+            return seen
         seen.simulator = with_photons(simulator, n_photons)
         seen._known = []
         return seen
@@ -348,6 +374,7 @@ def make_result(
         method=method,
         heights_m=heights,
         image=image,
+        shown=resimulation.shown(heights),
         residual=residual,
         stop_reason=reason,
         history=history,

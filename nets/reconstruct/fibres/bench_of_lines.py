@@ -11,34 +11,27 @@ channel and slopes and curvatures of the light over the picture.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import torch
 
+from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, field_modes, seen_on
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, joint_covariance, misfit_weight
 from nets.reconstruct.fibres.one_wavelength import of_wavelength
-from warp_caustics.calibration.flat_light import flat_light
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel
-from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
-from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
-from warp_caustics.found_bench.picture_size import enlarged
-from warp_caustics.found_bench.thin_relief import ThinRelief
+from warp_caustics.found_bench.bench_numbers import VERGENCE, BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.pyramid import in_units_of_radiosity
-from warp_caustics.reconstruct.seen_camera.aligned_channels import of_size
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
-from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
-TOLD_BY_LINES = ("gap_m", "base_thickness_m", "index_offset")
-"""Numbers that heights make up for and lines do not."""
+TOLD_BY_LINES = ("tilt_x_rad", "tilt_y_rad", "lamp_x_m", "lamp_y_m", *BEND_LIGHT)
+"""Numbers that lines tell and heights that are free do not: light that comes from aside moves what is high by more than
+what is low, and by crowns of one section how high is known."""
 FIELD_WIDTH = 0.05
 """Standard deviation of each channel's brightness, and of what light differs by at the rim."""
 ROUNDS = 10
@@ -47,8 +40,6 @@ MOST_ROUNDS = 12
 """The same as long as it falls by STILL_FALLING: a picture 1.5 px aside halves it in the fifth."""
 ITERATIONS = 30
 """Of L-BFGS about each."""
-LEAST_TOLD = 5e-3
-"""Change of how far light is bent, relative to it, that people are told of: 5 um of a line 1 mm high."""
 LEAST_GAIN = 1e-3
 """Share by which the misfit must fall to go on: along that valley 5 um of heights are two hundredths of it."""
 PARTS = 1.0, 0.5, 0.25
@@ -74,139 +65,6 @@ def numbers_of_lines(numbers: BenchNumbers, *, is_smaller: bool = False) -> Benc
     more = tuple(p for p in numbers.not_told if p.name in TOLD_BY_LINES)
     rest = tuple(p for p in numbers.not_told if p.name not in TOLD_BY_LINES)
     return dataclasses.replace(numbers, parameters=(*parameters, *more), not_told=rest)
-
-
-@dataclass(frozen=True)
-class Bench:
-    """A bench and its light.
-
-    Attributes:
-        values: of its numbers, by name.
-        field: brightness of each channel less 1, then slopes along x and y and curvatures x^2, xy, y^2 of all
-            channels, x and y from -1 to 1 over the picture, shape [n_w + 5].
-        sigma: standard deviations of values, by name; empty of the told one.
-        rounds: benches about which the image was linearised on the way to it.
-    """
-
-    values: Mapping[str, float]
-    field: FloatArray
-    sigma: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    rounds: int = 0
-
-    @classmethod
-    def told(cls, numbers: BenchNumbers) -> "Bench":
-        """As it is told, evenly lit."""
-        values = {name: numbers.before[name] for name in numbers.names}
-        return cls(values, np.zeros(numbers.scene.n_wavelengths + 5))
-
-    @classmethod
-    def found(cls, numbers: BenchNumbers, record: Mapping[str, Any], told_stray: float) -> "Bench":
-        """As a record of :class:`~warp_caustics.found_bench.bench_record.FoundBench` has it, evenly lit.
-
-        Args:
-            numbers: of a bench whose told stray light has been taken off the image.
-            record: of a search on the image as it was.
-            told_stray: that was taken off, of flat light.
-        """
-        used = {number["name"]: number for number in record["numbers"] if number["name"] in numbers.names}
-        values = {name: number["found"] for name, number in used.items()}
-        if AMBIENT in values:
-            values[AMBIENT] = (values[AMBIENT] - told_stray) / (1 + told_stray)
-        sigma = {name: number["sigma"] for name, number in used.items()}
-        told = cls.told(numbers)
-        return dataclasses.replace(told, values={**told.values, **values}, sigma=sigma)
-
-    def is_told(self, numbers: BenchNumbers) -> bool:
-        """Whether nothing of it is other than told."""
-        return all(value == numbers.before[name] for name, value in self.values.items()) and not self.field.any()
-
-    def light(self, pixels: int) -> FloatArray:
-        """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""
-        channels = len(self.field) - 5
-        own, shared = 1 + self.field[:channels, None, None], self.field[channels:]
-        light: FloatArray = own + np.tensordot(shared, shared_modes(pixels), 1) if shared.any() else own
-        return np.broadcast_to(light, (channels, pixels, pixels))
-
-
-def field_modes(channels: int, pixels: int) -> FloatArray:
-    """Patterns of :attr:`Bench.field`, shape [n_w + 5, n_w, m, m]."""
-    own = np.eye(channels)[:, :, None, None] * np.ones((pixels, pixels))
-    modes: FloatArray = np.concatenate([own, np.repeat(shared_modes(pixels)[:, None], channels, axis=1)])
-    return modes
-
-
-def shared_modes(pixels: int) -> FloatArray:
-    """Patterns that channels have in common, shape [5, m, m]."""
-    x = (np.arange(pixels) + 0.5) * (2 / pixels) - 1
-    along_x, along_y = np.broadcast_to(x, (pixels, pixels)), np.broadcast_to(x[:, None], (pixels, pixels))
-    return np.stack([along_x, along_y, along_x**2 - 1 / 3, along_x * along_y, along_y**2 - 1 / 3])
-
-
-def seen_on(
-    image: CausticImage, numbers: BenchNumbers, bench: Bench, exposure: FloatArray | None = None
-) -> CausticImage:
-    """An image as it would be on the bench's own flat plate, evenly lit, without stray light and of its scene's size.
-
-    Args:
-        image: as it was measured.
-        numbers: that the bench's are.
-        bench: that it was taken on.
-        exposure: of the image, shape [n_w]; 1 if None.
-    """
-    scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
-    level = np.asarray(scene.radiosity_W_m2, np.float64) * (1.0 if exposure is None else exposure)
-    irradiance = np.asarray(image.irradiance, np.float64) / bench.light(scene.image_pixels)
-    irradiance = (irradiance * (1 + stray) - stray * level[:, None, None]) * flat_ratio(numbers, bench)
-    noise = None if image.noise_std is None else np.asarray(image.noise_std) * (1 + stray)
-    seen = dataclasses.replace(image, irradiance=irradiance, noise_std=noise)
-    return of_size(seen, 1 / numbers.picture_size(bench.values), "cpu")
-
-
-def as_measured(shown: FloatArray, numbers: BenchNumbers, bench: Bench, exposure: FloatArray) -> FloatArray:
-    """The inverse of :func:`seen_on` for irradiance [W/m^2], shape [n_w, m, m]."""
-    scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
-    level = np.asarray(scene.radiosity_W_m2, np.float64) * exposure
-    shown = enlarged(torch.as_tensor(shown), numbers.picture_size(bench.values)).numpy()
-    light = (shown / flat_ratio(numbers, bench) + stray * level[:, None, None]) / (1 + stray)
-    measured: FloatArray = light * bench.light(scene.image_pixels)
-    return measured
-
-
-def bench_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:
-    """What was found, number by number; all of it is used."""
-    found = []
-    for p in numbers.parameters:
-        value = bench.values[p.name]
-        number = FoundNumber.of(p, numbers.before[p.name], value, bench.sigma.get(p.name), is_used=True)
-        found.append(dataclasses.replace(number, found=value))
-    untold = [FoundNumber.not_told(p, numbers.before[p.name]) for p in numbers.not_told]
-    return FoundBench((*found, *untold), True, "lines explain the image better on it", bench.rounds, numbers.is_picture)
-
-
-def bench_warnings(numbers: BenchNumbers, bench: Bench, record: FoundBench) -> list[str]:
-    """What the user should know, also where gap, base and index are other together and none of them by itself."""
-    told, found = (ThinRelief.of(each).linear for each in (numbers.scene, numbers.scene_of(bench.values)))
-    names = {number.name for number in record.numbers if number.verdict == "found"}
-    if names & set(TOLD_BY_LINES) or abs(found / told - 1) < LEAST_TOLD:
-        return record.warnings()
-    together = (
-        f"lines tell of a bench with {100 * (found / told - 1):+.1f} % on base, gap and index together, which of them "
-        "the image hardly says; heights are those on that bench: check it, or take --set-up known"
-    )
-    return [*record.warnings(), together]
-
-
-def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
-    """Light of a flat plate on the bench over that on the told one, shape [n_w, m, m]; 1 for parallel light."""
-    told, found = numbers.scene, numbers.scene_of(bench.values)
-    if found.is_collimated and told.is_collimated:
-        return np.ones((told.n_wavelengths, told.image_pixels, told.image_pixels))
-    return _level(found) / _level(told)
-
-
-def _level(scene: Scene) -> FloatArray:
-    level: FloatArray = flat_light(in_units_of_radiosity(scene, scene.image_pixels), scene.image_pixels).numpy()
-    return np.maximum(level, 1e-3)
 
 
 class BenchOfLines:
@@ -242,6 +100,11 @@ class BenchOfLines:
         self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
         self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
 
+    @property
+    def n_beside(self) -> int:
+        """How many numbers of a bench and its light are found beside lines; in covariances they come last."""
+        return len(self._widths)
+
     def fit_on(self, bench: Bench, channel: int | None = None, *, about: torch.Tensor | None = None) -> ImageFit:
         """The misfit on a bench, of all wavelengths or of one.
 
@@ -255,7 +118,7 @@ class BenchOfLines:
             InputError: values that make no bench.
         """
         scene, image = self.numbers.scene_of(bench.values), seen_on(self.image, self.numbers, bench)
-        camera = self.camera
+        camera = dataclasses.replace(self.camera, size=self.numbers.picture_size(bench.values))
         if channel is not None:
             image, scene = of_wavelength(image, scene, channel)
             camera = camera.of_channel(channel)
@@ -354,11 +217,13 @@ class BenchOfLines:
             covariance: of :meth:`covariance`.
         """
         deviations = np.sqrt(np.maximum(np.diag(covariance.matrix)[-len(self._widths) :], 0.0)) * self._widths
-        return dataclasses.replace(bench, sigma=dict(zip(self.numbers.names, deviations.tolist(), strict=False)))
+        found = dict(zip(self.numbers.names, deviations.tolist(), strict=False))
+        return dataclasses.replace(bench, sigma={**bench.sigma, **found})
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
         names, count = self.numbers.names, len(self.numbers.parameters)
         step = beside * self._widths
         values = {name: bench.values[name] + float(d) for name, d in zip(names, step[:count], strict=True)}
         deviations = dict(zip(names, (sigma * self._widths)[:count].tolist(), strict=True))
-        return Bench(self.numbers.within(values), bench.field + step[count:], deviations, bench.rounds + 1)
+        moved, known = self.numbers.within(values), {**bench.sigma, **deviations}
+        return Bench({**bench.values, **moved}, bench.field + step[count:], known, bench.rounds + 1)

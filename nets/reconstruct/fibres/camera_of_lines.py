@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines
+from nets.reconstruct.fibres.bench_and_light import Bench
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import BenchNumbers

@@ -81,11 +81,11 @@ class Discrepancy:
 
     def __call__(self, heights_m: FloatArray) -> float | None:
         """Of a relief [m], shape [n, n]; None if the noise of the image is unknown."""
-        return self.measurement.discrepancy(self._caustic(heights_m))
+        return self.measurement.discrepancy(self.picture(heights_m))
 
     def of_all(self, heights_m: FloatArray) -> float | None:
         """The same of the whole image, even light and all."""
-        return self.whole.discrepancy(self._caustic(heights_m))
+        return self.whole.discrepancy(self.picture(heights_m))
 
     def places(self, heights_m: FloatArray) -> FloatArray:
         """Share of the image's contrast that is left around each sample of a relief, shape [n, n]; 0 where it is noise.
@@ -100,7 +100,7 @@ class Discrepancy:
         if seen.noise is None:
             raise ValueError("what is left of an image beyond its noise needs the noise; tell it")
         weight, light = seen.weight.double(), seen.irradiance.double()
-        left = (self._caustic(heights_m).double() - light).square() - (LARGEST_OF_NOISE * seen.noise.double()).square()
+        left = (self.picture(heights_m).double() - light).square() - (LARGEST_OF_NOISE * seen.noise.double()).square()
         even = [values[on > 0].median() if (on > 0).any() else 0.0 for values, on in zip(light, weight, strict=True)]
         contrast = (light - torch.as_tensor(even, dtype=light.dtype, device=light.device)[:, None, None]).square()
         radius = max(1, round(PLACE * light.shape[-1] / 2))
@@ -116,8 +116,11 @@ class Discrepancy:
         spread = torch.nn.functional.max_pool2d(at_samples, reached, stride=1, padding=REACHED_SAMPLES)
         return np.asarray(spread[0].cpu().numpy())
 
-    def _caustic(self, heights_m: FloatArray) -> torch.Tensor:
-        """Several questions are asked of one relief."""
+    def picture(self, heights_m: FloatArray) -> torch.Tensor:
+        """What the camera shows of a relief [m], shape [n, n], in units of the radiosity, shape [n_w, m, m].
+
+        Kept, since several questions are asked of one relief.
+        """
         if self._known is None or not np.array_equal(self._known[0], heights_m):
             seen = self._picture(torch.tensor(heights_m, dtype=torch.float32, device=self.simulator.device))
             self._known = np.array(heights_m), seen

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import TOLD_BY_LINES, Bench, BenchOfLines
+from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import misfit_weight
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength
@@ -110,7 +111,7 @@ def along(numbers: BenchNumbers, bench: Bench, share: float) -> Bench:
     Raises:
         InputError: no such bench within the limits of the numbers.
     """
-    free = [p for p in numbers.parameters if p.name in TOLD_BY_LINES]
+    free = [p for p in numbers.parameters if p.name in BEND_LIGHT]
     slopes = {p.name: by_number(numbers, bench, p) for p in free}
     linear = ThinRelief.of(numbers.scene_of(bench.values)).linear
     rest, values = share * linear, dict(bench.values)
@@ -165,7 +166,7 @@ class GapOfLines:
             bench: on which they do.
             significant: standard deviations that another one must be away.
         """
-        if not len(lines) or not any(p.name in TOLD_BY_LINES for p in self.numbers.parameters):
+        if not len(lines) or not any(p.name in BEND_LIGHT for p in self.numbers.parameters):
             return None
         shape = self.model.shape
         try:
@@ -234,7 +235,7 @@ class _Valley:
         self.method, self.numbers, self.bench, self.weight = method, method.numbers, bench, weight
         # All along the valley the image is nearly the same, and with it what its lattice is off by.
         self._missing = missing
-        self._free = [p for p in self.numbers.parameters if p.name in TOLD_BY_LINES]
+        self._free = [p for p in self.numbers.parameters if p.name in BEND_LIGHT]
 
     def believed(self, bench: Bench) -> float:
         """What is believed of gap, base and index, in units of the loss."""

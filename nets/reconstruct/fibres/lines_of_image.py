@@ -1,19 +1,15 @@
 """Lines of one image: found on the bench that was told, then with the one that they tell; and what becomes of them."""
 
 import dataclasses
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import (
-    Bench,
-    BenchOfLines,
-    numbers_of_lines,
-    seen_on,
-)
+from nets.reconstruct.fibres.bench_and_light import Bench, seen_on
+from nets.reconstruct.fibres.bench_fits import fit_with_bench, fit_with_gap, fit_with_light, fit_with_losses
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.camera_of_lines import (
     fit_through_blurring_lens,
     fit_through_lens,
@@ -28,8 +24,6 @@ from nets.reconstruct.fibres.curves_of_image import (
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.gap_of_lines import GapOfLines, with_valley
-from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_result import result_of
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -37,7 +31,6 @@ from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.waves import WavyLines, waves_of
-from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -46,14 +39,8 @@ from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
-
-BENCH_ROUNDS = 2
-"""In which bench and lines are found together, and lines then searched for on that bench."""
-BENCH_GAIN = 0.9
-"""A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 
 
 class LinesOfImage:
@@ -109,8 +96,9 @@ class LinesOfImage:
         """Of refinements, which are not in the history."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.covariance: JointCovariance | None = None
-        """Of lines and bench, where both were found; ``counted`` are those lines."""
+        """Of lines and bench, where both were found; ``counted`` are those lines, ``asked`` the bench's numbers."""
         self.counted = self.lines
+        self.asked: Collection[str] = self.numbers.names
         self.waves: WavyLines | None = None
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None
@@ -139,7 +127,7 @@ class LinesOfImage:
                 if look_again(self, looks) and self._is_near():
                     self._fit_with_all()
             if self.covariance is not None and self.counted is not self.lines:
-                self.covariance = self.together().covariance(self.lines, self.bench)
+                self.covariance = self.together(self.asked).covariance(self.lines, self.bench)
                 self.counted = self.lines
             if len(self.lines) and self.method.options.waves:
                 self._fit_with_waves()
@@ -174,11 +162,12 @@ class LinesOfImage:
         """Lines with whatever else they may tell."""
         fit_through_lens(self)
         if self._is_near() and self.method.options.losses is not False:
-            self._fit_with_losses()
+            fit_with_losses(self)
         if self._is_near() and not self.method.takes_bench_as_told:
-            self._fit_with_gap()
+            fit_with_light(self)
+            fit_with_gap(self)
         if self._asks_bench():
-            self._fit_with_bench()
+            fit_with_bench(self)
         if self._is_near():
             fit_through_blurring_lens(self)
 
@@ -301,86 +290,12 @@ class LinesOfImage:
             self.lines = search.lines if len(search.lines) else start
             self.moves_section, self.is_in_vain = search.moves_section, search.is_in_vain and is_first
 
-    def _losses_shown(self) -> Scene:
-        """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
-        image = seen_on(self.told.image, self.numbers, self.bench)
-        scene = with_losses(self.view.scene, partial(self._misfit, image))
-        return self.numbers.scene.model_copy(update=effects_of(scene))
-
-    def _fit_with_losses(self) -> None:
-        """Lines with losses of light, where they explain the image better: left out they look like another gap."""
-        kept = self.lines, self.view, self.numbers, self.model.shape
-        lossy = self._losses_shown()
-        if lossy == self.numbers.scene:
-            return
-        self.numbers = dataclasses.replace(self.numbers, scene=lossy)
-        try:
-            self.lines, _ = self.together().on(self.lines, self.bench)
-            self.view = self.on(self.bench)
-        except KeyboardInterrupt:
-            self.lines, self.view, self.numbers, self.model.shape = kept
-            raise
-        was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-        if was is None or now is None or not now < was:
-            self.lines, self.view, self.numbers, self.model.shape = kept
-
-    def _fit_with_gap(self) -> None:
-        """Lines with gap, base and index as one number, where that is significantly other than told."""
-        kept = self.lines, self.view, self.bench, self.model.shape
-        together = self.together()
-        try:
-            found = GapOfLines(together)(self.lines, self.bench)
-            if found is None:
-                return
-            self.lines, self.bench = together.on(*found)
-            self.view = self.on(self.bench)
-            if not self.view.is_explained(self.lines):
-                self.search(self.lines, 1)
-        except KeyboardInterrupt:
-            self.lines, self.view, self.bench, self.model.shape = kept
-            raise
-        was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-        enough = 1.0 if self.view.is_explained(self.lines) else BENCH_GAIN
-        if was is None or now is None or not now < enough * was:
-            self.lines, self.view, self.bench, self.model.shape = kept
-            return
-        self.covariance, self.counted = together.covariance(self.lines, self.bench), self.lines
-        self.bench = together.with_sigma(self.bench, self.covariance)
-
-    def _fit_with_bench(self) -> None:
-        """Lines with the bench they tell, where that explains the image better."""
-        for _ in range(BENCH_ROUNDS):
-            kept = self.lines, self.view, self.bench, self.numbers, self.model.shape
-            self.numbers = dataclasses.replace(self.numbers, scene=self._losses_shown())
-            together = self.together()
-            try:
-                self.lines, self.bench = with_valley(together, self.lines, self.bench)
-                self.view = self.on(self.bench)
-                if not self.view.is_explained(self.lines):
-                    self.search(self.lines, 1)
-            except KeyboardInterrupt:
-                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
-                raise
-            was, now = kept[1].left(kept[0]), self.view.left(self.lines)
-            is_done = self.view.is_explained(self.lines)
-            enough = BENCH_GAIN if (self.covariance is not None or not self.is_elsewhere) and not is_done else 1.0
-            if was is None or now is None or not now < enough * was:
-                self.lines, self.view, self.bench, self.numbers, self.model.shape = kept
-                return
-            self.covariance, self.counted = together.covariance(self.lines, self.bench), self.lines
-            if is_done:
-                return
-
-    def together(self) -> BenchOfLines:
-        """Finds bench and lines with the camera so far."""
+    def together(self, names: Collection[str] | None = None) -> BenchOfLines:
+        """Finds bench and lines with the camera so far, by some of the bench's numbers or all."""
+        numbers = self.numbers if names is None else self.numbers.only(names)
         few = usual_pixels(self.method.scene)
-        about = self.numbers, self.told.image, self.model, few, self.view.camera
+        about = numbers, self.told.image, self.model, few, self.view.camera
         return BenchOfLines(*about, with_section=self.moves_section, report=self.note)
-
-    def _misfit(self, image: CausticImage, scene: Scene) -> float:
-        """Of the lines so far in a scene, at its exposure."""
-        fit = ImageFit(scene, image, self.model, scene.image_pixels, camera=self.view.camera)
-        return fit.loss(self.model.heights(self.lines), at_exposure=True)
 
     def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
         """The image on another bench, with a camera or that which lines tell there."""
@@ -390,6 +305,7 @@ class LinesOfImage:
         if camera is None:
             camera = plain.found_camera(self.told.relief(self.lines), exactly=True)
             camera = with_spread_of(camera, self.view.camera)
+        camera = dataclasses.replace(camera, size=self.numbers.picture_size(bench.values))
         return LinesView(plain.through(camera), self.model)
 
     def note(self, loss: float) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, bench_record, bench_warnings
+from nets.reconstruct.fibres.bench_and_light import Bench, as_measured, bench_record, bench_warnings
 from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.curves_paths import paths_of
 from nets.reconstruct.fibres.discrepancy import is_explained
@@ -64,7 +64,10 @@ def result_of(run: Run) -> Reconstruction:
         counters["losses"] = effects_of(view.scene)
     if view is not run.told and not run.bench.is_told(run.numbers):
         record = bench_record(run.numbers, run.bench)
-        counters["bench"] = record.record | {"light": run.bench.field.tolist()}
+        counters["bench"] = record.record | {
+            "light": run.bench.field.tolist(),
+            "uneven": run.bench.uneven(view.scene.image_pixels),
+        }
         warnings += bench_warnings(run.numbers, run.bench, record)
     uncertainty = None
     if answer.uncertainty_m is not None:
@@ -105,8 +108,7 @@ def result_of(run: Run) -> Reconstruction:
         )
         result = dataclasses.replace(result, warnings=(*result.warnings, told))
     if view is not run.told:
-        measured = as_measured(result.image.astype(np.float64), run.numbers, run.bench, run.exposure)
-        result = dataclasses.replace(result, image=measured.astype(result.image.dtype))
+        result = as_measured(result, run.numbers, run.bench, run.exposure)
     paths = None if run.curves is None else paths_of(run.curves.lines, run.model.shape)
     result = dataclasses.replace(result, fibres_m=fibres, paths=paths)
     if fibres is None or not (method.options.samples and run.reason == "converged"):

@@ -28,7 +28,7 @@ class LinesView:
     """
 
     def __init__(self, resimulation: Resimulation, model: LineModel):
-        self.resimulation, self.model = resimulation, model
+        self.resimulation, self.model = resimulation.exactly(), model
 
     @property
     def scene(self) -> Scene:

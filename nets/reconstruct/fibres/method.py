@@ -156,7 +156,7 @@ class Fibres(Reconstructor):
             is_exact = run.takes_lines and run.is_noise_left
             found = with_causes(found, *run.shown_to(found), numbers, is_exact=is_exact)
         if self.options.bench_uncertainty:
-            counted = () if run.covariance is None else run.numbers.names
+            counted = () if run.covariance is None else run.asked
             found = with_bench(found, self.network.numbers, counted, self.options.flatness_m)
         return self.network.asked[0].grid.result(with_doubt(found))
 

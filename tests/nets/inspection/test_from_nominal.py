@@ -9,7 +9,8 @@ import torch
 from nets.inspection.from_nominal import FromNominal, FromNominalOptions
 from nets.inspection.line_candidates import limits_around
 from nets.inspection.selection import MisfitMap, better_parts, parts
-from nets.reconstruct.fibres.bench_of_lines import Bench, as_measured, numbers_of_lines
+from nets.reconstruct.fibres.bench_and_light import Bench, lit
+from nets.reconstruct.fibres.bench_of_lines import numbers_of_lines
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE, Discrepancy, is_explained
 from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
@@ -282,8 +283,8 @@ def test_the_bench_is_found_with_the_lines_of_the_design(set_up):
     told = Bench.told(numbers)
     field = np.where(np.arange(len(told.field)) == 3, 0.03, 0.0)
     bench = Bench({**told.values, "gap_m": 1.1e-3, "ambient": 0.03, "screen_x_m": 4e-5}, field)
-    lit = CausticSimulator(numbers.scene_of(bench.values), "lattice")(torch.tensor(truth, dtype=torch.float32))
-    seen = as_measured(lit.numpy().astype(np.float64), numbers, bench, np.ones(3))
+    shown = CausticSimulator(numbers.scene_of(bench.values), "lattice")(torch.tensor(truth, dtype=torch.float32))
+    seen = lit(shown.numpy().astype(np.float64), numbers, bench, np.ones(3))
     seen += 0.005 * np.random.default_rng(0).standard_normal(seen.shape)
     method = FromNominal(scene, FromNominalOptions(set_up=set_up, causes=False))
     method.free = Free(truth + 1e-5 * (truth > 1e-4), np.full((24, 24), 1e-6))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines, seen_on
+from nets.reconstruct.fibres.bench_and_light import Bench, seen_on
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.camera_of_lines import (
     fit_on_told,
     fit_through_blurring_lens,

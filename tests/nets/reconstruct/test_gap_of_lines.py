@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench_of_lines import Bench, BenchOfLines, numbers_of_lines
+from nets.reconstruct.fibres.bench_and_light import Bench
+from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.gap_of_lines import FIRST_STEP, GapOfLines, Trial, along, on_other_bench, vertex
 from nets.reconstruct.fibres.image_fit import ImageFit
 from tests.nets.reconstruct.exact_light import light_of

@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from warp_caustics.reconstruct.seen_camera.pixel_means import Lay
 from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread
 from warp_caustics.types import FloatArray
 
@@ -28,6 +29,7 @@ class ChannelCamera:
         ambient: light that is not the lamp's, in units of the radiosity, shape [n_w]. Told, not undone.
         pixels: m, size of the image in which these pixels are counted.
         spread: of points of light, where it is known better than by a Gaussian; ``blur`` is the one that is nearest.
+        size: of the whole picture as it was taken; it has been brought back to 1.
     """
 
     shift: FloatArray
@@ -37,6 +39,7 @@ class ChannelCamera:
     ambient: FloatArray
     pixels: int
     spread: PointSpread | None = None
+    size: float = 1.0
 
     @classmethod
     def perfect(cls, channels: int, pixels: int) -> Self:
@@ -56,6 +59,21 @@ class ChannelCamera:
     def displaces(self) -> bool:
         """Whether channels are to be moved onto the middle one."""
         return bool(np.any(self.shift) or np.any(self.scale))
+
+    @property
+    def lays(self) -> list[Lay] | None:
+        """Where each channel's picture lay on the pixels; None where all lie where they belong."""
+        if not self.displaces and self.size == 1:
+            return None
+        return [
+            Lay((float(x), float(y)), float(scale), float(self.size))
+            for (x, y), scale in zip(self.shift, self.scale, strict=True)
+        ]
+
+    @property
+    def shown_by(self) -> PointSpread:
+        """The point spread, or the Gaussian after the pixels that stands for it."""
+        return PointSpread.of_band(self.blur) if self.spread is None else self.spread
 
     @property
     def blurs(self) -> bool:
@@ -78,6 +96,7 @@ class ChannelCamera:
             *(self.shift[kept], self.scale[kept], self.blur[kept], self.gain[kept], self.ambient[kept]),
             pixels=self.pixels,
             spread=None if self.spread is None else self.spread.of_channel(channel),
+            size=self.size,
         )
 
     @property

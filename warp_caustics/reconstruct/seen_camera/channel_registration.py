@@ -61,7 +61,9 @@ def registered(measurement: Measurement, simulated: torch.Tensor) -> ChannelCame
     """
     channels, pixels = simulated.shape[0], simulated.shape[-1]
     found = ChannelCamera.perfect(channels, pixels)
-    shares = torch.stack((measurement.weight.mean(dim=(1, 2)), measurement.weight.amin(dim=(1, 2))), 1).tolist()
+    # The outermost pixels are faded out altogether.
+    inner = measurement.weight[:, 1:-1, 1:-1]
+    shares = torch.stack((measurement.weight.mean(dim=(1, 2)), inner.amin(dim=(1, 2))), 1).tolist()
     seen = [c for c, (share, _) in enumerate(shares) if share > 0.5]
     if not seen or pixels < 4 * TAPER_PX:
         return found

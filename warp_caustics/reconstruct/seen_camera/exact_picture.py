@@ -1,4 +1,4 @@
-"""What a camera shows of reliefs, without the error of a lattice of photons, and with its point spread where known."""
+"""What a camera shows of reliefs: without the error of a lattice of photons, by its point spread, on its own pixels."""
 
 import torch
 
@@ -14,13 +14,17 @@ class ExactPicture:
 
     Args:
         simulator: a lattice of the scene, in whose units pictures are.
-        camera: whose channels lie together; only its blur counts.
-        times: as of :class:`~warp_caustics.extrapolated.ExtrapolatedCaustic`, where the point spread is not known.
+        camera: that took pictures, whose channels are brought together as those of what was measured.
+        times: as of :class:`~warp_caustics.extrapolated.ExtrapolatedCaustic`, where the pixels' picture itself will do.
     """
 
     def __init__(self, simulator: CausticSimulator, camera: ChannelCamera, times: int = 2):
         pixels = simulator.scene.image_pixels
-        self._spread = camera.spread if camera.pixels == pixels else None
+        # On fewer pixels neither is known.
+        is_whole = camera.pixels == pixels
+        self._lays = camera.lays if is_whole else None
+        is_fine = self._lays is not None or (is_whole and camera.spread is not None)
+        self._spread = camera.shown_by if is_fine else None
         self._light: FineLight | ExtrapolatedCaustic
         self._blur: torch.Tensor | None = None
         if self._spread is not None:
@@ -36,5 +40,5 @@ class ExactPicture:
         """Of a relief [m], shape [n, n]: irradiance [W/m^2], shape [n_w, m, m]."""
         light = self._light(heights_m)
         if self._spread is not None:
-            return self._spread(light, self._pixels)
+            return self._spread(light, self._pixels, self._lays)
         return light if self._blur is None else blurred(light, self._blur)

@@ -12,14 +12,16 @@ What lies beyond the weights w is a halo: rings of a diffraction disc have 4 % o
 scatter some. Left out it looks like stray light, and that like another index.
 """
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import torch
 
 from warp_caustics.extrapolated import with_photons
+from warp_caustics.reconstruct.seen_camera.pixel_means import PLACED, Lay, pixel_means
 from warp_caustics.resampling import blur_matrix
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
@@ -62,6 +64,11 @@ class PointSpread:
         return cls(lens_px, np.zeros(len(lens_px)), weights, np.zeros((len(lens_px), len(HALOS_PX))))
 
     @classmethod
+    def of_band(cls, band_px: FloatArray) -> Self:
+        """That of a Gaussian after the pixels and nothing else: standard deviations [px], shape [n_w]."""
+        return replace(cls.of_lens(np.zeros(len(band_px))), band_px=np.asarray(band_px, np.float64))
+
+    @classmethod
     def of_record(cls, record: dict[str, Any]) -> Self:
         """The one that :attr:`record` was made of."""
         return cls(*(np.asarray(record[key], dtype=np.float64) for key in ("lens_px", "band_px", "weights", "halos")))
@@ -91,10 +98,18 @@ class PointSpread:
         kept = [channel]
         return type(self)(self.lens_px[kept], self.band_px[kept], self.weights[kept], self.halos[kept])
 
-    def __call__(self, fine: torch.Tensor, pixels: int) -> torch.Tensor:
-        """What the camera shows, shape [n_w, m, m], of light on fine pixels, [n_w, k m, k m]."""
-        blurs = zip(fine, self.lens_px, self.band_px, strict=True)
-        shown = torch.stack([before_weights(light, pixels, lens, band) for light, lens, band in blurs])
+    def __call__(self, fine: torch.Tensor, pixels: int, lays: Sequence[Lay] | None = None) -> torch.Tensor:
+        """What the camera shows, shape [n_w, m, m], of light on fine pixels, [n_w, k m, k m].
+
+        Args:
+            fine: any unit.
+            pixels: m.
+            lays: where each channel's picture lay before it was brought back; None: where it belongs.
+        """
+        each = zip(fine, self.lens_px, self.band_px, lays or [PLACED] * len(fine), strict=True)
+        shown = torch.stack(
+            [pixel_means(light, pixels, float(lens), float(band), lay) for light, lens, band, lay in each]
+        )
         weights = torch.as_tensor(self.weights, dtype=fine.dtype, device=fine.device)
         padded = torch.nn.functional.pad(shown[None], (REACH,) * 4, mode="replicate")
         seen: torch.Tensor = torch.nn.functional.conv2d(padded, weights[:, None], groups=len(fine))[0]
@@ -102,21 +117,6 @@ class PointSpread:
         for k, halo in enumerate(in_halos(shown)):
             seen += shares[:, k, None, None] * halo
         return seen
-
-
-def before_weights(light: torch.Tensor, pixels: int, lens_px: float, band_px: float) -> torch.Tensor:
-    """One channel's picture [m, m] of light on fine pixels, [k m, k m], before its weights."""
-    matrix = _along(pixels, light.shape[-1], lens_px, band_px).to(light)
-    seen: torch.Tensor = matrix @ light @ matrix.T
-    return seen
-
-
-@lru_cache(maxsize=8)
-def _along(pixels: int, fine: int, lens_px: float, band_px: float) -> torch.Tensor:
-    """From fine pixels through a lens to means over pixels, blurred in their band, shape [m, k m], float64."""
-    k = fine // pixels
-    along = blur_matrix(fine, lens_px * k).reshape(pixels, k, fine).mean(1)
-    return blur_matrix(pixels, band_px) @ along if band_px else along
 
 
 def in_halos(shown: torch.Tensor) -> list[torch.Tensor]:

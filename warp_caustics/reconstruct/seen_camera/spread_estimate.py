@@ -5,7 +5,6 @@ along a line. Where a relief is still wrong, lines that lie beside their place l
 blur first (:mod:`~warp_caustics.reconstruct.seen_camera.blur_estimate`), and this is asked of what leaves little.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,8 @@ import torch
 
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.reconstruct.seen_camera.point_spread import REACH, PointSpread, before_weights, in_halos
+from warp_caustics.reconstruct.seen_camera.pixel_means import PLACED, Lay, pixel_means
+from warp_caustics.reconstruct.seen_camera.point_spread import REACH, PointSpread, in_halos
 from warp_caustics.types import FloatArray
 
 WIDTH = 0.05
@@ -54,7 +54,7 @@ def found_spread(measurement: Measurement, fine: torch.Tensor, camera: ChannelCa
         fine: light of the relief on fine pixels, in the same units, shape [n_w, k m, k m].
         camera: so far; channels of which too little is seen keep its blur.
     """
-    known = camera.spread or replace(PointSpread.of_lens(np.zeros(len(fine))), band_px=camera.blur)
+    known, lays = camera.shown_by, camera.lays
     fits, form, form_blur = dict[int, _Fit](), None, 0.0
     middle = len(fine) // 2
     for channel in sorted(range(len(fine)), key=lambda c: abs(c - middle)):
@@ -63,7 +63,7 @@ def found_spread(measurement: Measurement, fine: torch.Tensor, camera: ChannelCa
         if float(counts.mean()) < LEAST_SEEN:
             fits[channel] = before
             continue
-        search = _Search(fine[channel], measured, counts, blur)
+        search = _Search(fine[channel], measured, counts, blur, PLACED if lays is None else lays[channel])
         if form is None:
             form, form_blur = search.form(before.lens_px, before.band_px), max(blur, LEAST_BLUR_PX)
         # One lens blurs all wavelengths in the same way, if not by as much.
@@ -85,9 +85,9 @@ def _left(fit: _Fit) -> float:
 class _Search:
     """Of one channel, all of shape [m, m] but the light, [k m, k m]."""
 
-    def __init__(self, light: torch.Tensor, measured: torch.Tensor, counts: torch.Tensor, blur_px: float):
-        self.light, self.measured, self.blur_px = light, measured, blur_px
-        shown = before_weights(light, measured.shape[-1], 0.0, blur_px)
+    def __init__(self, light: torch.Tensor, measured: torch.Tensor, counts: torch.Tensor, blur_px: float, lay: Lay):
+        self.light, self.measured, self.blur_px, self.lay = light, measured, blur_px, lay
+        shown = pixel_means(light, measured.shape[-1], 0.0, blur_px, lay)
         self.counts = counts.clone()
         # What light the mirrored border lacks is not in the model.
         for edge in (slice(0, REACH), slice(-REACH, None)):
@@ -125,7 +125,7 @@ class _Search:
 
     def fit(self, lens_px: float, band_px: float) -> _Fit:
         """Weights by least squares, with brightness and an even light beside them, which are left out of it."""
-        shown = before_weights(self.light, self.measured.shape[-1], lens_px, band_px)
+        shown = pixel_means(self.light, self.measured.shape[-1], lens_px, band_px, self.lay)
         rows = shown.shape[-1]
         padded = torch.nn.functional.pad(shown[None, None], (REACH,) * 4, mode="replicate")[0, 0]
         side = 2 * REACH + 1
@@ -162,7 +162,7 @@ class _Search:
     def _shown(self, fit: _Fit) -> torch.Tensor:
         widths = np.array([fit.lens_px]), np.array([fit.band_px])
         spread = PointSpread(*widths, fit.weights[None], fit.halos[None])
-        return spread(self.light[None], self.measured.shape[-1])[0]
+        return spread(self.light[None], self.measured.shape[-1], [self.lay])[0]
 
     def _weight(self, shown: torch.Tensor) -> torch.Tensor:
         return self.counts / ((shown - self.measured).square() + WIDTH**2).sqrt()
