@@ -35,8 +35,12 @@ BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
+CLOSER = 0.97
+"""The same where lines left hardly more than noise before."""
 AS_WELL = 1.01
 """The same of fewer numbers, which explain an image as well."""
+LEAST_SHARE = 0.01
+"""Of the misfit, that another bench must take off to be asked for where lines hardly leave more than noise."""
 LIGHT_GAIN = 0.98
 """The same of stray light and unevenness, which lines that are wrong leave, too; before anything descends."""
 WIDTH = 0.05
@@ -144,14 +148,26 @@ def fit_with_bench(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those of the last bench that explained it better.
     """
+    together = None
     for names in in_turn(run.numbers.names):
-        together = _fit_with_numbers(run, names)
-        if run.view.is_explained(run.lines):
-            if together is not None:
-                _fit_with_fewer(run, together)
-            if not set(BEND_LIGHT) & set(names):
-                fit_with_gap(run)
-            return
+        if run.view.is_explained(run.lines) and not is_first(run) and not tells_bench(run, names):
+            break
+        together = _fit_with_numbers(run, names) or together
+    if run.view.is_explained(run.lines):
+        if together is not None:
+            _fit_with_fewer(run, together)
+        if not set(BEND_LIGHT) & set(run.asked):
+            fit_with_gap(run)
+
+
+def is_first(run: Run) -> bool:
+    """Whether a bench was found without lines, and these were not asked for it yet."""
+    return run.is_elsewhere and run.covariance is None
+
+
+def tells_bench(run: Run, names: Collection[str]) -> bool:
+    """Whether lines that explain the image would leave clearly less of it with other numbers of the bench."""
+    return run.together(names).share_told(run.lines, run.bench) > LEAST_SHARE
 
 
 def losses_shown(run: Run) -> Scene:
@@ -188,16 +204,16 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
             run.numbers = dataclasses.replace(run.numbers, scene=losses_shown(run))
             together = run.together(names)
             made.append(together)
-            before = run.lines
+            before, view = run.lines, run.view
             run.lines, run.bench = with_valley(together, run.lines, run.bench)
-            was, run.view = run.view.left(before), run.on(run.bench)
-            now = run.view.left(run.lines)
-            enough = 1.0 if run.covariance is None and run.is_elsewhere else BENCH_GAIN
+            run.view = run.on(run.bench)
+            was, now = view.left(before), run.view.left(run.lines)
+            enough = _enough(run, view.is_explained(before))
             if not has_valley and (was is None or now is None or not now < enough * was):
                 return 0.0
             if not run.view.is_explained(run.lines):
                 run.search(run.lines, 1)
-            return 1.0 if run.view.is_explained(run.lines) else enough
+            return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
 
         if not _kept(run, fit):
             break
@@ -206,6 +222,13 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
         if run.view.is_explained(run.lines):
             break
     return found
+
+
+def _enough(run: Run, is_explained: bool) -> float:
+    """Factor by which what is left must fall for a bench to be kept, if with it lines still leave as much as before."""
+    if is_first(run):
+        return 1.0
+    return CLOSER if is_explained else BENCH_GAIN
 
 
 def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, field_modes, seen_on
+from nets.reconstruct.fibres.descent_numbers import by_shape
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, joint_covariance, misfit_weight
 from nets.reconstruct.fibres.one_wavelength import of_wavelength
@@ -197,6 +198,28 @@ class BenchOfLines:
         told = np.array([self.numbers.before[name] for name in self.numbers.names])
         before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
         return Beside(modes, before, misfit_weight(fit, loss))
+
+    def share_told(self, lines: torch.Tensor, bench: Bench) -> float:
+        """Share of the misfit that another bench, and lines there, would take off to second order: Newton's decrement.
+
+        Args:
+            lines: that explain the image on a bench, or nearly, shape [L, 6] [m].
+            bench: that.
+        """
+        fit = self.fit_on(bench, about=lines)
+        if self.model.device.type == "cuda":
+            # Few pixels promise up to six times more than all of them keep; on a CPU these take half a minute.
+            fit.metric = fit
+        heights, derivatives = self.model.with_jacobian(lines)
+        loss = fit.loss(heights)
+        beside = self._beside(fit, lines, bench, loss)
+        covariance = joint_covariance(fit, lines, beside, beside.weight, with_section=self.with_section)
+        if covariance.places:
+            derivatives = torch.cat([derivatives, by_shape(self.model, lines, covariance.places)])
+        _, by_height, by_beside = fit.with_gradient(heights, beside, np.zeros(len(beside.modes)))
+        by_lines = (derivatives.flatten(1) @ by_height.reshape(-1)).double().cpu().numpy()
+        gradient = np.append(by_lines, by_beside)
+        return float(gradient @ covariance.matrix @ gradient) / (2 * beside.weight * max(loss, 1e-30))
 
     def covariance(self, lines: torch.Tensor, bench: Bench) -> JointCovariance:
         """Of lines and bench together about where they were found; see :func:`joint_covariance`.

@@ -175,7 +175,7 @@ class LinesOfImage:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""
         if self.is_elsewhere:
             return self._is_near()
-        return self.method.finds_bench and not self.view.is_explained(self.lines)
+        return self.method.finds_bench
 
     def _is_near(self) -> bool:
         """Whether losses of light show, and a wrong gap, which costs little of the image."""

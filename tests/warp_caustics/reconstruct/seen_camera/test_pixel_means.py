@@ -10,6 +10,7 @@ from tests.nets.reconstruct.three_lines import LINES, SCENE
 from warp_caustics.extrapolated import ExtrapolatedCaustic, with_photons
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, of_size
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
@@ -55,6 +56,20 @@ def test_channels_that_lay_apart(heights):
     assert off(where_they_belong, together) > 0.03
     raw = torch.stack([pixel_means(light, PIXELS) for light in FineLight(SIMULATOR)(heights)])
     torch.testing.assert_close(exact[1], raw[1])
+
+
+def test_what_the_camera_shows_lies_where_it_lay(heights):
+    """A result's picture, for people to compare with what was measured."""
+    shift = np.array([[0.5, -0.3], [0.0, 0.0], [-0.2, 0.45]])
+    camera = dataclasses.replace(ChannelCamera.perfect(3, PIXELS), shift=shift)
+    measured = taken(heights, shift)
+    found = heights.double().numpy()
+    plain = Resimulation(SIMULATOR, CausticImage(measured.numpy())).through(camera)
+    assert off(plain.exactly().shown(found), measured) < 0.012
+    assert off(plain.shown(found), measured) < 0.1 < 0.5 * off(plain(found).image, measured)
+    assert Resimulation(SIMULATOR, CausticImage(measured.numpy())).shown(found) is None, "of a perfect camera"
+    exact, seen = plain.exactly(), np.array(plain.image.irradiance)
+    assert exact(found).residual < 0.5 * plain(found).residual and seen.shape == (3, PIXELS, PIXELS)
 
 
 def test_a_picture_that_was_larger(heights):
