@@ -98,7 +98,7 @@ CONDITIONS: dict[str, Condition] = {
 
 
 def seen(image: ImageArray, condition: Condition, light_angle: float, white: FloatArray) -> ImageArray:
-    """The image as it is measured; what moves channels or changes the print was simulated before.
+    """The image as it is measured; what moves channels or changes their size or the print was simulated before.
 
     Args:
         image: simulated irradiance, relative to a flat plate's, shape [n_w, m, m].
@@ -113,8 +113,6 @@ def seen(image: ImageArray, condition: Condition, light_angle: float, white: Flo
     if condition.uneven:
         values *= gradient(image.shape[-1], condition.uneven, light_angle)
     values += np.float32(condition.ambient)
-    if condition.scaled:
-        values = np.stack([magnified(channel, by) for channel, by in zip(values, condition.scaled, strict=True)])
     if condition.blur_px:
         values = np.stack(
             [
@@ -135,17 +133,6 @@ def gradient(pixels: int, rim: float, angle: float) -> ImageArray:
     """Light that grows linearly, 1 in the middle and 1 + rim in the middle of a side it grows to, shape [m, m]."""
     along = (np.arange(pixels) + 0.5) * (2 / pixels) - 1
     return np.asarray(1 + rim * (np.cos(angle) * along[None, :] + np.sin(angle) * along[:, None]), np.float32)
-
-
-def magnified(channel: ImageArray, by: float) -> ImageArray:
-    """A channel (1 + by) times as large about its middle; irradiance stays, as a flat frame sees to, shape [m, m]."""
-    if by == 0.0:
-        return channel
-    middle, inverse = (channel.shape[-1] - 1) / 2, 1 / (1 + by)
-    found = scipy.ndimage.affine_transform(
-        channel, [inverse, inverse], offset=middle * (1 - inverse), order=5, mode="nearest"
-    )
-    return np.asarray(found, np.float32)
 
 
 def mixing_matrix(channels: int, share: float) -> ImageArray:

@@ -13,6 +13,7 @@ from data_gen.dataset_config import PhotonConfig, sample_seed
 from data_gen.samples import Reliefs
 from data_gen.suites.case import Case
 from data_gen.suites.odd_prints import printed
+from data_gen.suites.picture_size import FINENESS, means_of_picture
 from warp_caustics.height_field import cell_centres
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
@@ -64,8 +65,20 @@ class Light:
         return self._channels(case, PhotonConfig(), flat)
 
     def _channels(self, case: Case, photons: PhotonConfig, heights_m: FloatArray) -> ImageArray:
+        if case.condition.scaled:
+            return self._other_sizes(case, photons, heights_m)
         images = [self._shot(scene, photons, case, heights_m) for scene in channel_scenes(case)]
         return np.concatenate(images)
+
+    def _other_sizes(self, case: Case, photons: PhotonConfig, heights_m: FloatArray) -> ImageArray:
+        """Of channels whose pictures are of another size than the window: one by one, on fine pixels."""
+        found = []
+        pixels, bright = case.scene.image_pixels, case.scene.radiosity_W_m2
+        for channel, (scene, by) in enumerate(zip(one_by_one(case), case.condition.scaled, strict=True)):
+            fine = scene.model_copy(update={"image_pixels": FINENESS * pixels})
+            light = self._shot(fine, photons, case, heights_m)[0] / bright[channel]
+            found.append(bright[channel] * means_of_picture(light, pixels, 1 + by))
+        return np.asarray(found, np.float32)
 
     def _shot(self, scene: Scene, photons: PhotonConfig, case: Case, heights_m: FloatArray) -> ImageArray:
         simulator = self._simulator(scene, photons)
@@ -91,9 +104,12 @@ def channel_scenes(case: Case) -> list[Scene]:
     One scene if all wavelengths share a screen; otherwise one for each. Channels that lie apart come from a screen that
     is moved sideways, so that nothing is resampled.
     """
+    return one_by_one(case) if channel_moves(case).any() else [case.scene]
+
+
+def one_by_one(case: Case) -> list[Scene]:
+    """A scene for each of the case's wavelengths, on a screen where that channel's picture lies."""
     scene, moves = case.scene, channel_moves(case)
-    if not moves.any():
-        return [scene]
     x, y, z = scene.screen_position_m
     size_x, size_y = scene.pixel_size_m
     found = []

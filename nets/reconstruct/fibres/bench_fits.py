@@ -8,7 +8,7 @@ more than noise.
 """
 
 import dataclasses
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -39,8 +39,8 @@ CLOSER = 0.97
 """The same where lines left hardly more than noise before."""
 AS_WELL = 1.01
 """The same of fewer numbers, which explain an image as well."""
-LEAST_SHARE = 0.01
-"""Of the misfit, that another bench must take off to be asked for where lines hardly leave more than noise."""
+MOST = 0.5
+"""Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
 LIGHT_GAIN = 0.98
 """The same of stray light and unevenness, which lines that are wrong leave, too; before anything descends."""
 WIDTH = 0.05
@@ -148,9 +148,10 @@ def fit_with_bench(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those of the last bench that explained it better.
     """
-    together = None
-    for names in in_turn(run.numbers.names):
-        if run.view.is_explained(run.lines) and not is_first(run) and not tells_bench(run, names):
+    together, left = None, list(in_turn(run.numbers.names))
+    while left:
+        names, left = asked_next(run, left)
+        if names is None:
             break
         together = _fit_with_numbers(run, names) or together
     if run.view.is_explained(run.lines):
@@ -165,9 +166,18 @@ def is_first(run: Run) -> bool:
     return run.is_elsewhere and run.covariance is None
 
 
-def tells_bench(run: Run, names: Collection[str]) -> bool:
-    """Whether lines that explain the image would leave clearly less of it with other numbers of the bench."""
-    return run.together(names).share_told(run.lines, run.bench) > LEAST_SHARE
+def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:
+    """Of sets of numbers the first that tells most of what all of them do, and those after it.
+
+    None where lines explain the image, and no bench would explain clearly more of it.
+    """
+    if is_first(run):
+        return some[0], list(some[1:])
+    evidence = run.together().evidence(run.lines, run.bench, some)
+    if run.view.is_explained(run.lines) and max(evidence) < SIGNIFICANT**2:
+        return None, []
+    first = next(k for k, each in enumerate(evidence) if each >= MOST * max(evidence))
+    return some[first], list(some[first + 1 :])
 
 
 def losses_shown(run: Run) -> Scene:

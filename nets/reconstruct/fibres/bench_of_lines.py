@@ -11,7 +11,7 @@ channel and slopes and curvatures of the light over the picture.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 import torch
@@ -199,27 +199,37 @@ class BenchOfLines:
         before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
         return Beside(modes, before, misfit_weight(fit, loss))
 
-    def share_told(self, lines: torch.Tensor, bench: Bench) -> float:
-        """Share of the misfit that another bench, and lines there, would take off to second order: Newton's decrement.
+    def evidence(self, lines: torch.Tensor, bench: Bench, some: Sequence[Collection[str]]) -> list[float]:
+        """For another bench: what that, and lines there, would take off the misfit, in squares of deviations.
+
+        Twice Newton's decrement, in the units of :func:`~nets.reconstruct.fibres.line_posterior.misfit_weight`: the
+        score test (Rao 1948), which asks for no descent.
 
         Args:
             lines: that explain the image on a bench, or nearly, shape [L, 6] [m].
             bench: that.
+            some: sets of numbers; the others of these stay where they are.
         """
         fit = self.fit_on(bench, about=lines)
         if self.model.device.type == "cuda":
-            # Few pixels promise up to six times more than all of them keep; on a CPU these take half a minute.
+            # Few pixels promise up to six times more than all of them keep; on a CPU those take half a minute.
             fit.metric = fit
         heights, derivatives = self.model.with_jacobian(lines)
-        loss = fit.loss(heights)
-        beside = self._beside(fit, lines, bench, loss)
+        beside = self._beside(fit, lines, bench, fit.loss(heights))
         covariance = joint_covariance(fit, lines, beside, beside.weight, with_section=self.with_section)
         if covariance.places:
             derivatives = torch.cat([derivatives, by_shape(self.model, lines, covariance.places)])
         _, by_height, by_beside = fit.with_gradient(heights, beside, np.zeros(len(beside.modes)))
         by_lines = (derivatives.flatten(1) @ by_height.reshape(-1)).double().cpu().numpy()
         gradient = np.append(by_lines, by_beside)
-        return float(gradient @ covariance.matrix @ gradient) / (2 * beside.weight * max(loss, 1e-30))
+        information, first = np.linalg.inv(covariance.matrix), len(by_lines)
+        found = []
+        for names in some:
+            free = np.array([name in names for name in self.numbers.names], bool)
+            kept = np.concatenate([np.full(first, True), free, np.full(len(by_beside) - len(free), True)])
+            step = np.linalg.solve(information[np.ix_(kept, kept)], gradient[kept])
+            found.append(float(gradient[kept] @ step) / beside.weight**2)
+        return found
 
     def covariance(self, lines: torch.Tensor, bench: Bench) -> JointCovariance:
         """Of lines and bench together about where they were found; see :func:`joint_covariance`.

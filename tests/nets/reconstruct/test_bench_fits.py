@@ -8,7 +8,7 @@ import torch
 
 from nets.reconstruct.fibres import bench_fits
 from nets.reconstruct.fibres.bench_and_light import Bench, bench_record, lit, seen_on
-from nets.reconstruct.fibres.bench_fits import differing, fit_with_bench, fit_with_light, in_turn, tells_bench
+from nets.reconstruct.fibres.bench_fits import asked_next, differing, fit_with_bench, fit_with_light, in_turn
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -92,14 +92,21 @@ def test_a_picture_that_lies_aside_is_no_other_bench(model):
 
 
 def test_lines_say_whether_another_bench_would_explain_more(model):
-    """Of those that leave hardly more than noise, too: the truth would not."""
-    names = in_turn(NUMBERS.names)[-1]
-    for bench, least, most in ((bench_with(), 0.0, 0.01), (bench_with(tilt_x_rad=0.0035), 0.1, 1.0)):
+    """Of those that leave hardly more than noise, too, and which numbers tell it: the truth asks for none."""
+    turns = in_turn(NUMBERS.names)
+    for bench, asked in (
+        (bench_with(), None),
+        (bench_with(tilt_x_rad=0.0035), 0),
+        (bench_with(dispersion_scale=0.3), 1),
+    ):
         run = run_with(model, photographed(model, bench), LINES)
         run.lines, _ = run.together().on(run.lines, run.bench)
         assert run.view.is_explained(run.lines)
-        assert least <= run.together(names).share_told(run.lines, run.bench) <= most
-        assert tells_bench(run, names) == (least > 0)
+        evidence = run.together().evidence(run.lines, run.bench, turns)
+        assert evidence == sorted(evidence) and (evidence[-1] < 4.0 if asked is None else evidence[-1] > 40.0)
+        names, later = asked_next(run, turns)
+        assert names == (None if asked is None else turns[asked])
+        assert list(later) == ([] if asked is None else turns[asked + 1 :])
 
 
 def test_light_from_aside_is_told_by_lines(model):
