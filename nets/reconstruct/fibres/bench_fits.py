@@ -13,6 +13,7 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, field_modes, seen_on
@@ -24,7 +25,6 @@ from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
-from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -39,6 +39,11 @@ CLOSER = 0.97
 """The same where lines left hardly more than noise before."""
 AS_WELL = 1.01
 """The same of fewer numbers, which explain an image as well."""
+ASKING = 3.0
+"""Standard deviations that the score of a bench must be away for it to be asked by lines that explain the image. Those
+of a plate on the bench that was told have 1.2."""
+BY_CHANCE = 0.05
+"""How often numbers that are as told may look other than told."""
 MOST = 0.5
 """Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
 LIGHT_GAIN = 0.98
@@ -174,7 +179,7 @@ def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ..
     if is_first(run):
         return some[0], list(some[1:])
     evidence = run.together().evidence(run.lines, run.bench, some)
-    if run.view.is_explained(run.lines) and max(evidence) < SIGNIFICANT**2:
+    if run.view.is_explained(run.lines) and max(evidence) < ASKING**2:
         return None, []
     first = next(k for k, each in enumerate(evidence) if each >= MOST * max(evidence))
     return some[first], list(some[first + 1 :])
@@ -265,8 +270,8 @@ def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:
 def differing(together: BenchOfLines, bench: Bench, covariance: JointCovariance) -> tuple[str, ...]:
     """Numbers of a bench that differ from what was told by more than they are known to, all others taken together.
 
-    The Wald test of those that are as told: d^T C^-1 d of their differences d and covariance C stays below
-    ``SIGNIFICANT`` squared, as for one of them alone; they are gathered one by one, the least first.
+    The Wald test of those that are as told: d^T C^-1 d of their differences d and covariance C stays below what chi^2
+    of as many exceeds once in twenty times; they are gathered one by one, the least first.
 
     Args:
         together: of whose numbers.
@@ -283,7 +288,7 @@ def differing(together: BenchOfLines, bench: Bench, covariance: JointCovariance)
         tried = [[*as_told, k] for k in range(len(widths)) if k not in as_told]
         far = [float(apart[each] @ np.linalg.pinv(block[np.ix_(each, each)]) @ apart[each]) for each in tried]
         least = int(np.argmin(far))
-        if far[least] > SIGNIFICANT**2:
+        if far[least] > scipy.special.chdtri(len(tried[least]), BY_CHANCE):
             break
         as_told = tried[least]
     return tuple(name for k, name in enumerate(numbers.names) if k not in as_told)
