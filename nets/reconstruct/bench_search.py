@@ -30,8 +30,8 @@ from warp_caustics.found_bench.bench_step import BenchStep, bench_step
 from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.reconstruct.base import CausticImage, Progress, ProgressCallback, Reconstruction
 from warp_caustics.reconstruct.exposure import light_ratio
+from warp_caustics.reconstruct.image_noise import estimated_noise
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, measurement_at
-from warp_caustics.reconstruct.result import estimated_noise
 from warp_caustics.reconstruct.run_log import following
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, of_size
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera

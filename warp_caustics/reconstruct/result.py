@@ -15,10 +15,10 @@ from warp_caustics.data_gradient import possible_heights
 from warp_caustics.energy import energy_budget
 from warp_caustics.extrapolated import ExtrapolatedCaustic, with_photons
 from warp_caustics.fold_fraction import fold_fraction
-from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, StopReason
-from warp_caustics.reconstruct.colour_filters import of_one_filter, pattern_of
+from warp_caustics.reconstruct.colour_filters import pattern_of
 from warp_caustics.reconstruct.exposure import LEAST_EXPOSURE_ERROR, agreed_ratio, at_nominal, is_exposure, light_ratio
+from warp_caustics.reconstruct.image_noise import estimated_noise, with_grain
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.pyramid import judged_pixels, measurement_at, simulator_at
 from warp_caustics.reconstruct.rest import Rest
@@ -160,9 +160,21 @@ class Resimulation:
         source = "estimated" if self.measurement.noise is None else "given"
         folded = functools.partial(fold_fraction, heights, scene)
         if judged_pixels(scene, found_at) == scene.image_pixels:
-            return image_trust(*self._judged(heights, None), source, folded)
-        found = image_trust(*self._judged(heights, found_at), source, folded, scene.image_pixels)
-        return found.beside(image_trust(*self._judged(heights, None), source))
+            return image_trust(*self._with_grain(*self._judged(heights, None)), source, folded)
+        few = self._with_grain(*self._judged(heights, found_at))
+        found = image_trust(*few, source, folded, scene.image_pixels)
+        return found.beside(image_trust(*self._with_grain(*self._judged(heights, None)), source))
+
+    def _with_grain(self, measurement: Measurement, seen: Seen) -> tuple[Measurement, Seen]:
+        """Noise that holds the grain, too: what is left beside it is asked of causes, of which grain is one."""
+        return with_grain(measurement, self._noisy, self.simulator.scene), seen
+
+    @property
+    def _noisy(self) -> CausticImage:
+        """The image with its noise, estimated where that is not known."""
+        if self.measurement.noise is not None:
+            return self.image
+        return dataclasses.replace(self.image, noise_std=estimated_noise(self.image, self.simulator.scene))
 
     def rest(self, heights: FloatArray, found_at: int | None = None) -> Rest | None:
         """What a relief leaves of the image; arguments as of :meth:`trust`. None where its noise cannot be told."""
@@ -190,9 +202,7 @@ class Resimulation:
 
     def _judged(self, heights: FloatArray, found_at: int | None) -> tuple[Measurement, Seen]:
         """The image at as many pixels as heights were found with, and what they show there."""
-        image, scene = self.image, self.simulator.scene
-        if self.measurement.noise is None:
-            image = dataclasses.replace(image, noise_std=estimated_noise(image, scene))
+        image, scene = self._noisy, self.simulator.scene
         pixels = judged_pixels(scene, found_at)
         measurement = measurement_at(image, scene, pixels, self.simulator.device)
         seen = self._seen(heights)
@@ -299,27 +309,6 @@ class Resimulation:
     def relief(self, heights: FloatArray) -> torch.Tensor:
         """Heights as the simulator takes them."""
         return torch.tensor(heights, dtype=torch.float32, device=self.simulator.device)
-
-
-def estimated_noise(image: CausticImage, scene: Scene) -> FloatArray | None:
-    """Noise of an image where its irradiance is about the radiosity [W/m^2], shape [n_w]; None where it cannot be told.
-
-    Dark wavelengths, which do not count, have that of the others.
-    """
-    found = np.full(scene.n_wavelengths, np.nan)
-    for channel, level in enumerate(scene.radiosity_W_m2):
-        if level > 0:
-            valid = None if image.mask is None else np.asarray(image.mask[channel], bool)
-            values = np.asarray(image.irradiance[channel], np.float64)
-            if image.is_mosaic and image.own is not None:  # means of neighbours have less noise
-                measured = of_one_filter(image.own[channel])
-                valid, values = None if valid is None else valid[measured], values[measured]
-            # At least what 32-bit floats resolve: an image without noise has some.
-            found[channel] = max(estimate_noise_std(values, level, valid), 1e-6 * level)
-    shines = np.asarray(scene.radiosity_W_m2) > 0
-    if not np.isfinite(found[shines]).all():
-        return None
-    return np.where(shines, found, found[shines].mean())
 
 
 def as_glass(heights: FloatArray, scene: Scene) -> FloatArray:

@@ -16,6 +16,7 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import BORDER_PIXELS, FINE_PHOTONS_PER_PIXEL
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.image_noise import with_grain
 from warp_caustics.reconstruct.pyramid import measurement_at, simulator_at
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
@@ -70,6 +71,7 @@ class Discrepancy:
         self._known: tuple[FloatArray, torch.Tensor] | None = None
         self.samples = scene.height_samples
         plain = measurement_at(image, scene, scene.image_pixels, self.simulator.device, BORDER_PIXELS)
+        plain = with_grain(plain, image, scene)
         noise = plain.noise
         if noise is not None:
             noise = torch.maximum(noise, LATTICE_ERROR * plain.irradiance.double())

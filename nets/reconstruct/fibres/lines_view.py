@@ -8,7 +8,8 @@ import torch
 from nets.reconstruct.fibres.discrepancy import FAR_OF_NOISE, Discrepancy, is_explained
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.result import Resimulation, as_glass, estimated_noise
+from warp_caustics.reconstruct.image_noise import estimated_noise
+from warp_caustics.reconstruct.result import Resimulation, as_glass
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray

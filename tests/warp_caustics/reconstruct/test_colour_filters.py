@@ -16,8 +16,9 @@ from warp_caustics.reconstruct.colour_filters import (
     own_pixels,
     pattern_of,
 )
+from warp_caustics.reconstruct.image_noise import estimated_noise
 from warp_caustics.reconstruct.pyramid import check_image, measurement_at
-from warp_caustics.reconstruct.result import Resimulation, estimated_noise
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene

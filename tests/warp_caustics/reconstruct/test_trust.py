@@ -11,10 +11,11 @@ from warp_caustics.inspection.compare import inspect_plate
 from warp_caustics.inspection.judge import doubted
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.image_noise import estimated_noise
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.refine.options import RefineOptions
 from warp_caustics.reconstruct.refine.refine import Refine
-from warp_caustics.reconstruct.result import Resimulation, estimated_noise
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.trust import Seen, image_trust
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
