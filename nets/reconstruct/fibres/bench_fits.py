@@ -21,7 +21,7 @@ from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines, with_valley
 from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.line_posterior import JointCovariance
+from nets.reconstruct.fibres.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
@@ -35,9 +35,7 @@ BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
 BENCH_GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
-CLOSER = 0.97
-"""The same where lines left hardly more than noise before."""
-AS_WELL = 1.01
+AS_WELL = 1.002
 """The same of fewer numbers, which explain an image as well."""
 ASKING = 3.0
 """Standard deviations that the score of a bench must be away for it to be asked by lines that explain the image. Those
@@ -240,10 +238,14 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
 
 
 def _enough(run: Run, is_explained: bool) -> float:
-    """Factor by which what is left must fall for a bench to be kept, if with it lines still leave as much as before."""
+    """Factor by which what is left must fall for a bench to be kept, if with it lines still leave as much as before.
+
+    Where they left hardly more than noise, by what the score must be for it to be asked.
+    """
     if is_first(run):
         return 1.0
-    return CLOSER if is_explained else BENCH_GAIN
+    counted = float((run.view.discrepancy.whole.weight > 0).sum())
+    return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0)) if is_explained else BENCH_GAIN
 
 
 def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:
