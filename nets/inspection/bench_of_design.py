@@ -11,7 +11,7 @@ from functools import partial
 
 import torch
 
-from nets.reconstruct.fibres.bench_and_light import Bench, bench_record, seen_on
+from nets.reconstruct.fibres.bench_and_light import SLANTS, Bench, bench_record, seen_on
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.camera_of_lines import with_spread_of
 from nets.reconstruct.fibres.image_fit import ImageFit
@@ -29,8 +29,6 @@ from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
 
-ROUNDS = 2
-"""In which bench and lines are found together, and lines then fitted on that bench."""
 GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 
@@ -48,6 +46,7 @@ class OnBench:
         bench: its numbers and light.
         numbers: that it is told by.
         covariance: of lines and bench together (:mod:`nets.reconstruct.fibres.line_posterior`).
+        asked: names of the numbers in it.
     """
 
     lines: torch.Tensor
@@ -55,6 +54,7 @@ class OnBench:
     bench: Bench
     numbers: BenchNumbers
     covariance: JointCovariance
+    asked: tuple[str, ...]
 
     @property
     def deviation_m(self) -> FloatArray:
@@ -87,26 +87,27 @@ def bench_of_design(
     """
     numbers = numbers_of_lines(BenchNumbers.of(numbers.scene, numbers.told_widths))
     best, at, view = None, Bench.told(numbers), told
-    for _ in range(ROUNDS):
+    upright = tuple(name for name in numbers.names if name not in SLANTS)
+    for names in (upright, upright, numbers.names):
         image, camera = seen_on(told.image, numbers, at), view.camera
         lossy = with_losses(view.scene, partial(_misfit, image, lines, told, camera), both=True)
-        numbers = dataclasses.replace(numbers, scene=numbers.scene.model_copy(update=effects_of(lossy)))
+        lost = dataclasses.replace(numbers, scene=numbers.scene.model_copy(update=effects_of(lossy)))
         pixels = usual_pixels(told.scene)
-        together = BenchOfLines(numbers, told.image, told.model, pixels, camera, report=report)
-        moved, at = together(lines, at)
+        together = BenchOfLines(lost.only(names), told.image, told.model, pixels, camera, report=report)
+        moved, there = together(lines, at)
         try:
-            found = _on(at, numbers, moved, told, measured, camera)
+            found = _on(there, lost, moved, told, measured, camera)
         except InputError:
-            return best
+            continue
         moved = fit(moved, found)
         was, now = view.left(lines), found.left(moved)
         is_done = found.is_explained(moved)
         if was is None or now is None or not now < (1.0 if is_done else GAIN) * was:
-            return best
-        lines, view = moved, found
-        best = OnBench(lines, view, at, numbers, together.covariance(lines, at))
+            continue
+        lines, view, at, numbers = moved, found, there, lost
+        best = OnBench(lines, view, at, numbers, together.covariance(lines, at), together.numbers.names)
         if is_done:
-            return best
+            break
     return best
 
 

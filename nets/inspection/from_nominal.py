@@ -387,7 +387,7 @@ class _Run:
                 reconstruction, self.measured, self.method.simulator, self.method.numbers, self.free
             )
         if self.options.bench_uncertainty:
-            counted = () if self.on_bench is None else self.on_bench.numbers.names
+            counted = () if self.on_bench is None else self.on_bench.asked
             # Defects are of lines: a bow of the base is none, and lifts a line with the plate beside it.
             reconstruction = with_bench(reconstruction, self.method.numbers, counted, flatness_m=0.0)
         return FromNominalResult(with_doubt(reconstruction), self.lines.fitted)

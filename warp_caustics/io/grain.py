@@ -15,8 +15,10 @@ BLOCK = 16
 """Pixels along squares that are looked at one by one."""
 FLATTEST = 0.3
 """Share of the squares, by how little their background changes, that tell."""
+QUIETEST = 0.25
+"""Quantile of their variances that is taken: faint light of a relief is in many, grain in all."""
 FEWEST = 24
-"""Squares, of which the median is taken; an image with fewer tells nothing."""
+"""Squares that tell; an image with fewer tells nothing."""
 LEAST_SHARE = 0.15
 """Of the white noise's variance that is grain at least: errors of both estimates are smaller."""
 
@@ -24,7 +26,7 @@ LEAST_SHARE = 0.15
 def estimate_grain(image: FloatImage, level: float, noise_std: float, valid: BoolImage | None = None) -> float:
     """Standard deviation of the grain, relative to the light; 0 where white noise is all there is.
 
-    The median variance of squares near the level whose background is flattest, less that of the white noise.
+    The variance of quiet squares among those near the level whose background is flattest, less that of the white noise.
 
     Args:
         image: one channel [W/m^2], shape [H, W].
@@ -45,10 +47,10 @@ def estimate_grain(image: FloatImage, level: float, noise_std: float, valid: Boo
     ]
     variance, slope, mean, whole = (values.mean((2, 3)) for values in squares)
     near = (whole == 1) & (mean > 0.7 * level) & (mean < 1.4 * level)
-    if near.sum() < FEWEST:
+    if near.sum() * FLATTEST < FEWEST:
         return 0.0
-    flat = near & (slope <= np.quantile(slope[near], max(FLATTEST, FEWEST / near.sum())))
+    flat = near & (slope <= np.quantile(slope[near], FLATTEST))
     relative = variance[flat] / mean[flat] ** 2
     white = noise_std**2 / (level * mean[flat])
-    grain = float(np.median(relative) - np.median(white))
+    grain = float(np.quantile(relative, QUIETEST) - np.median(white))
     return float(np.sqrt(grain)) if grain > LEAST_SHARE * float(np.median(white)) else 0.0

@@ -20,6 +20,8 @@ from warp_caustics.reconstruct.seen_camera.aligned_channels import of_size
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
+SLANTS = ("tilt_x_rad", "tilt_y_rad", "lamp_x_m", "lamp_y_m")
+"""Numbers of light that comes from aside."""
 BEND_LIGHT = ("gap_m", "base_thickness_m", "index_offset")
 """Numbers that heights make up for and lines nearly do."""
 LEAST_TOLD = 5e-3

@@ -16,7 +16,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, field_modes, seen_on
+from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.gap_of_lines import GapOfLines, with_valley
@@ -29,7 +29,7 @@ from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
-LATER = (("dispersion_scale", "tilt_x_rad", "tilt_y_rad", "lamp_x_m", "lamp_y_m", *BEND_LIGHT), BEND_LIGHT)
+LATER = (("dispersion_scale", *SLANTS, *BEND_LIGHT), BEND_LIGHT)
 """Numbers that are not asked at first, and not then."""
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
@@ -37,6 +37,8 @@ BENCH_GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 AS_WELL = 1.002
 """The same of fewer numbers, which explain an image as well."""
+AGAIN = 2
+"""Times that all numbers are asked once more while their score says so: gap, base and index go far in many steps."""
 ASKING = 3.0
 """Standard deviations that the score of a bench must be away for it to be asked by lines that explain the image. Those
 of a plate on the bench that was told have 1.2."""
@@ -151,12 +153,14 @@ def fit_with_bench(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those of the last bench that explained it better.
     """
-    together, left = None, list(in_turn(run.numbers.names))
+    together, left = None, in_turn(run.numbers.names)
+    every, again = left[-1:], AGAIN
     while left:
         names, left = asked_next(run, left)
-        if names is None:
-            break
-        together = _fit_with_numbers(run, names) or together
+        found = None if names is None else _fit_with_numbers(run, names)
+        together = found or together
+        if not left and again and found is not None and run.view.is_explained(run.lines):
+            left, again = every, again - 1
     if run.view.is_explained(run.lines):
         if together is not None:
             _fit_with_fewer(run, together)

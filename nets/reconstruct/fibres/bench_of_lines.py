@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, field_modes, seen_on
+from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on
 from nets.reconstruct.fibres.descent_numbers import by_shape
 from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
 from nets.reconstruct.fibres.line_posterior import JointCovariance, joint_covariance, misfit_weight
@@ -30,7 +30,7 @@ from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.resampling import blur_matrices
 from warp_caustics.types import FloatArray
 
-TOLD_BY_LINES = ("tilt_x_rad", "tilt_y_rad", "lamp_x_m", "lamp_y_m", *BEND_LIGHT)
+TOLD_BY_LINES = (*SLANTS, *BEND_LIGHT)
 """Numbers that lines tell and heights that are free do not: light that comes from aside moves what is high by more than
 what is low, and by crowns of one section how high is known."""
 FIELD_WIDTH = 0.05
