@@ -130,5 +130,4 @@ def _on(
     simulator = CausticSimulator(numbers.scene_of(bench.values), "lattice", device=device)
     plain = Resimulation(simulator, seen_on(measured, numbers, bench, exposure), exposure)
     camera = with_spread_of(plain.found_camera(told.relief(lines)), known)
-    camera = dataclasses.replace(camera, size=numbers.picture_size(bench.values))
     return LinesView(plain.through(camera), told.model)

@@ -309,13 +309,13 @@ class BenchSearch:
         light = np.asarray(scene.radiosity_W_m2) * _exposure(result)
         ratio, size = self._flat_ratio(values), self.numbers.picture_size(values)
 
-        def as_measured(shown: FloatArray) -> FloatArray:
+        def as_measured(shown: FloatArray, size: float = 1.0) -> FloatArray:
             seen = (shown / ratio + stray * light[:, None, None]) / (1 + stray)
             measured: FloatArray = enlarged(torch.as_tensor(seen), size).numpy().astype(shown.dtype)
             return measured
 
         shown = None if result.shown is None else as_measured(result.shown)
-        return dataclasses.replace(result, image=as_measured(result.image), shown=shown)
+        return dataclasses.replace(result, image=as_measured(result.image, size), shown=shown)
 
     def _flat_ratio(self, values: Mapping[str, float]) -> FloatArray:
         """Light of a flat plate on the bench of these values over that on the told one, shape [n_w, m, m]."""

@@ -35,12 +35,14 @@ class CausticImage:
             from their neighbours, and are not compared with a simulation of all pixels. True everywhere if all were
             measured. None if nobody knows: methods then look for colour filters
             (:mod:`~warp_caustics.reconstruct.colour_filters`).
+        size: of the picture when it met the pixels over what it is here, where it was resampled since.
     """
 
     irradiance: FloatArray
     noise_std: FloatArray | None = None
     mask: npt.NDArray[np.bool_] | None = None
     own: npt.NDArray[np.bool_] | None = None
+    size: float = 1.0
 
     @functools.cached_property
     def is_mosaic(self) -> bool:

@@ -81,10 +81,11 @@ class Resimulation:
         radiosity = torch.tensor(simulator.scene.radiosity_W_m2, device=simulator.device)
         self._radiosity = radiosity[:, None, None].clamp_min(1e-30)
         self._known: list[tuple[FloatArray, torch.Tensor]] = []
-        self.camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+        perfect = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+        self.camera = dataclasses.replace(perfect, size=image.size)
         self.mosaic = pattern_of(image.own) if image.is_mosaic and image.own is not None else None
         self._blur: torch.Tensor | None = None
-        self._fine, self._is_exact = FineLight(simulator), False
+        self._fine, self._is_exact = FineLight(simulator), image.size != 1
         self._known_spread: list[tuple[FloatArray, bool, torch.Tensor]] = []
 
     def __call__(self, heights: FloatArray) -> Resimulated:
@@ -261,7 +262,7 @@ class Resimulation:
 
         Its ``image`` has the channels together; the caustics that calls return stay those of the scene.
         """
-        if camera.is_perfect and camera.lays is None:
+        if camera.is_perfect:
             return self
         device = self.simulator.device
         image = channels_together(self.image, camera, device) if camera.displaces else self.image
@@ -272,7 +273,7 @@ class Resimulation:
     def blurred_by(self, camera: ChannelCamera) -> "Resimulation":
         """The same image, whose channels lie together, with a camera's blur or point spread in place of that so far."""
         seen = copy.copy(self)
-        seen.camera, seen._known_spread = camera, []
+        seen.camera, seen._known_spread = dataclasses.replace(camera, size=self.image.size), []
         seen._blur = blur_matrices(camera.pixels, camera.blur, self.simulator.device) if camera.blurs else None
         return seen
 

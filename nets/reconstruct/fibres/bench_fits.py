@@ -24,7 +24,7 @@ from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
-from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
@@ -37,6 +37,8 @@ BENCH_GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 AS_WELL = 1.002
 """The same of fewer numbers, which explain an image as well."""
+LEAST_LARGER_PX = 0.03
+"""At the rim, by which a picture looks larger than it was told, for it to be asked whether it is."""
 AGAIN = 2
 """Times that all numbers are asked once more while their score says so: gap, base and index go far in many steps."""
 ASKING = 3.0
@@ -161,6 +163,7 @@ def fit_with_bench(run: Run) -> None:
         together = found or together
         if not left and again and found is not None and run.view.is_explained(run.lines):
             left, again = every, again - 1
+    together = _fit_with_picture(run) or together
     if run.view.is_explained(run.lines):
         if together is not None:
             _fit_with_fewer(run, together)
@@ -250,6 +253,38 @@ def _enough(run: Run, is_explained: bool) -> float:
         return 1.0
     counted = float((run.view.discrepancy.whole.weight > 0).sum())
     return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0)) if is_explained else BENCH_GAIN
+
+
+def _fit_with_picture(run: Run) -> BenchOfLines | None:
+    """Lines in a picture that is too large, in place of one of a lamp nearby, where that leaves less; what found them.
+
+    A picture that is brought back by resampling is off by more than what tells both apart, so that heights never saw
+    it; what lines are compared with is brought back, too.
+    """
+    pictures, vergence = run.numbers.of_picture(), run.bench.values.get(VERGENCE, 0.0)
+    if pictures is None or run.numbers.is_picture or vergence <= 0:
+        return None
+    told = Bench.told(pictures)
+    start = dataclasses.replace(told, values={**told.values, VERGENCE: vergence})
+    if (pictures.picture_size(start.values) - 1) * pictures.scene.image_pixels / 2 < LEAST_LARGER_PX:
+        return None
+    made: list[BenchOfLines] = []
+
+    def fit() -> float:
+        run.numbers = pictures
+        run.view = run.on(start)
+        made.append(run.together(in_turn(pictures.names)[0]))
+        run.lines, run.bench = made[0](run.lines, start)
+        run.view = run.on(run.bench)
+        if not run.view.is_explained(run.lines):
+            run.search(run.lines, 1)
+        return 1.0
+
+    if not _kept(run, fit):
+        return None
+    _told_by(run, made[0])
+    is_done = run.view.is_explained(run.lines)
+    return made[0] if is_done else _fit_with_numbers(run, pictures.names) or made[0]
 
 
 def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:

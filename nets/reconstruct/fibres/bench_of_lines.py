@@ -119,7 +119,7 @@ class BenchOfLines:
             InputError: values that make no bench.
         """
         scene, image = self.numbers.scene_of(bench.values), seen_on(self.image, self.numbers, bench)
-        camera = dataclasses.replace(self.camera, size=self.numbers.picture_size(bench.values))
+        camera = dataclasses.replace(self.camera, size=image.size)
         if channel is not None:
             image, scene = of_wavelength(image, scene, channel)
             camera = camera.of_channel(channel)

@@ -305,7 +305,6 @@ class LinesOfImage:
         if camera is None:
             camera = plain.found_camera(self.told.relief(self.lines), exactly=True)
             camera = with_spread_of(camera, self.view.camera)
-        camera = dataclasses.replace(camera, size=self.numbers.picture_size(bench.values))
         return LinesView(plain.through(camera), self.model)
 
     def note(self, loss: float) -> None:

@@ -146,7 +146,8 @@ class Fibres(Reconstructor):
 
     def _may_be_larger(self, run: LinesOfImage) -> bool:
         """Whether lines leave open what size the picture has, and the network is asked anyhow."""
-        is_open = not self.takes_bench_as_told and VERGENCE in run.numbers.names and not run.is_noise_left
+        is_asked = run.numbers.is_picture or self.takes_bench_as_told
+        is_open = not is_asked and VERGENCE in run.numbers.names and not run.is_noise_left
         return is_open and self._is_free(run) and (self.options.refine or not run.takes_lines)
 
     def _finished(self, found: Reconstruction, run: LinesOfImage) -> Reconstruction:

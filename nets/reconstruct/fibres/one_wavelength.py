@@ -27,6 +27,7 @@ def of_wavelength(image: CausticImage, scene: Scene, channel: int) -> tuple[Caus
         None if image.noise_std is None else np.asarray(image.noise_std)[kept],
         None if image.mask is None else np.asarray(image.mask)[kept],
         None if image.own is None else np.asarray(image.own)[kept],
+        image.size,
     )
     update = {"wavelengths_m": (scene.wavelengths_m[channel],), "radiosity_W_m2": (scene.radiosity_W_m2[channel],)}
     return one, scene.model_copy(update=update)

@@ -18,10 +18,12 @@ from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench
 from warp_caustics.found_bench.bench_step import BenchStep, bench_step
-from warp_caustics.found_bench.picture_size import enlarged
 from warp_caustics.prints.line import Line, line_relief
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.seen_camera.pixel_means import Lay, pixel_means
+from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 
 SCENE = Scene(height_samples=32, image_pixels=128)
 LINES = [
@@ -43,8 +45,13 @@ def taken(relief, noise=0.005, is_picture=False, **values):
     model = BenchModel(numbers, SCENE.image_pixels, "cpu")
     values = {**numbers.before, **values}
     size = numbers.picture_size(values)
-    image = model.in_size_of(values).image(torch.tensor(relief, dtype=torch.float32), values)
-    image = enlarged(image, size).numpy()
+    heights = torch.tensor(relief, dtype=torch.float32)
+    image = model.image(heights, values)
+    if size != 1:
+        fine, stray = FineLight(CausticSimulator(numbers.scene_of(values)))(heights), values[AMBIENT]
+        met = [pixel_means(light, SCENE.image_pixels, lay=Lay(size=size, is_back=False)) for light in fine]
+        image = (torch.stack(met) + stray) / (1 + stray)
+    image = image.numpy()
     image = image + noise * np.random.default_rng(0).standard_normal(image.shape)
     return CausticImage(image.astype(np.float32), np.full(3, noise))
 
@@ -137,8 +144,11 @@ def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(truthful, relief
     remark = "too large" if is_picture else "too small" if true < 0 else None
     assert any("(a picture that is" in line for line in result.warnings) == (remark is not None)
     assert remark is None or any(remark in line for line in result.warnings)
-    off = np.linalg.norm(result.image - image.irradiance) / np.linalg.norm(image.irradiance)
-    assert off < 0.06, "the caustic that is shown has the image's size"
+    off, sharp = (
+        np.linalg.norm(each - image.irradiance) / np.linalg.norm(image.irradiance)
+        for each in (result.picture, result.image)
+    )
+    assert off < 0.06 and off <= sharp, "what the camera shows has the image's size, on the image's pixels"
 
 
 @pytest.mark.parametrize("true", [4.9, -4.9])

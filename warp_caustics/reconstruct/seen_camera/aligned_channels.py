@@ -58,7 +58,7 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
         if kept is not None and mask is not None:
             gaps = torch.as_tensor(~mask[channel], dtype=torch.float64, device=device)
             kept[channel] = (along_y.abs() @ gaps @ along_x.abs().T < SPOILED).cpu().numpy()
-    return CausticImage(irradiance, image.noise_std, kept, own)
+    return CausticImage(irradiance, image.noise_std, kept, own, image.size)
 
 
 def of_size(image: CausticImage, size: float, device: torch.device | str) -> CausticImage:
@@ -73,4 +73,5 @@ def of_size(image: CausticImage, size: float, device: torch.device | str) -> Cau
         return image
     channels, pixels = image.irradiance.shape[0], image.irradiance.shape[-1]
     camera = ChannelCamera.perfect(channels, pixels)
-    return channels_together(image, dataclasses.replace(camera, scale=np.full(channels, 1 / size - 1)), device)
+    resampled = channels_together(image, dataclasses.replace(camera, scale=np.full(channels, 1 / size - 1)), device)
+    return dataclasses.replace(resampled, size=image.size / size)
