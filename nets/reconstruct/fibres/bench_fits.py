@@ -156,14 +156,15 @@ def fit_with_bench(run: Run) -> None:
         KeyboardInterrupt: the run's time is over; lines are those of the last bench that explained it better.
     """
     together, left = None, in_turn(run.numbers.names)
-    every, again = left[-1:], AGAIN
+    every, again, has_tried = left[-1:], AGAIN, False
     while left:
         names, left = asked_next(run, left)
         found = None if names is None else _fit_with_numbers(run, names)
         together = found or together
+        if found is not None and not has_tried:
+            together, has_tried = _fit_with_picture(run) or together, True
         if not left and again and found is not None and run.view.is_explained(run.lines):
             left, again = every, again - 1
-    together = _fit_with_picture(run) or together
     if run.view.is_explained(run.lines):
         if together is not None:
             _fit_with_fewer(run, together)

@@ -15,9 +15,12 @@ from nets.reconstruct.fibres.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, error_um
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.pixel_means import Lay, pixel_means
+from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
 
@@ -118,6 +121,25 @@ def test_light_from_aside_is_told_by_lines(model):
     fit_with_bench(run)
     assert run.bench.values["tilt_x_rad"] == pytest.approx(0.03, abs=0.002) and "tilt_x_rad" in run.asked
     assert error_um(model, run.lines) < 1.0
+
+
+@pytest.mark.parametrize("is_picture", [True, False])
+def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_picture):
+    """By what is high, which a lamp enlarges more; pictures met the pixels before they were brought back."""
+    vergence = 4.0
+    image = photographed(model, bench_with(vergence_per_m=vergence))
+    if is_picture:
+        fine = FineLight(CausticSimulator(SCENE))(model.heights(LINES))
+        lay = Lay(size=1 + way_of_light_m(SCENE) * vergence, is_back=False)
+        shown = torch.stack([pixel_means(light, SCENE.image_pixels, lay=lay) for light in fine]).numpy()
+        noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+        image = CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
+    run = run_with(model, image, LINES + 1e-5)
+    fit_with_bench(run)
+    assert run.numbers.is_picture == is_picture and run.view.is_explained(run.lines)
+    assert run.bench.values["vergence_per_m"] == pytest.approx(vergence, abs=0.1)
+    assert error_um(model, run.lines) < 1.0
+    assert bench_record(run.numbers, run.bench).is_picture == is_picture
 
 
 def test_light_that_is_uneven_needs_no_other_bench(model):
