@@ -49,7 +49,8 @@ BY_CHANCE = 0.05
 MOST = 0.5
 """Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
 LIGHT_GAIN = 0.98
-"""The same of stray light and unevenness, which lines that are wrong leave, too; before anything descends."""
+"""What is left must fall by this factor, by least squares alone, for stray and uneven light to be asked: lines that are
+wrong leave some, too."""
 WIDTH = 0.05
 """Residual, relative to the radiosity, from which on a pixel counts less, as in descents of lines."""
 

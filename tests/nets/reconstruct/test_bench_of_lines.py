@@ -107,6 +107,21 @@ def test_an_image_is_taken_to_another_bench_and_back(values):
     np.testing.assert_allclose(seen_on(image, numbers(), bench, exposure).irradiance, shown, rtol=1e-9, atol=1e-9)
 
 
+def test_pixels_that_the_border_of_a_found_picture_crosses_do_not_count():
+    """Where the picture lies aside by 0.4 px its last pixels are half dark, or were divided by what is."""
+    image = CausticImage(np.ones((3, 4 * N, 4 * N)), np.full(3, NOISE))
+    aside = Bench({**true_bench().values, "screen_x_m": 0.4 * SCENE.pixel_size_m[0]}, np.zeros(8))
+    counted = seen_on(image, numbers(), aside).mask
+    expected = np.ones((3, 4 * N, 4 * N), bool)
+    expected[:, :, -1] = False
+    np.testing.assert_array_equal(counted, expected)
+    dead = np.ones(expected.shape, bool)
+    dead[0, 5, 7] = False
+    both = seen_on(dataclasses.replace(image, mask=dead), numbers(), aside).mask
+    np.testing.assert_array_equal(both, expected & dead)
+    assert seen_on(image, numbers(), Bench.told(numbers())).mask is None
+
+
 def test_patterns_of_light_are_even_on_average_but_for_brightness():
     modes = field_modes(3, 64)
     assert modes.shape == (8, 3, 64, 64)

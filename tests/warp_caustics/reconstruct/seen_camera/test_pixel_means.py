@@ -9,7 +9,7 @@ import torch
 from tests.nets.reconstruct.three_lines import LINES, SCENE
 from warp_caustics.extrapolated import ExtrapolatedCaustic, with_photons
 from warp_caustics.prints.model import LineModel
-from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.aligned_channels import channels_together, of_size
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
@@ -92,6 +92,12 @@ def test_a_picture_that_was_larger(heights):
     where_it_belongs = ExactPicture(SIMULATOR, camera.perfect(3, PIXELS))(heights)
     assert off(exact, back) < 0.006
     assert off(where_it_belongs, back) > 0.02
+
+
+def test_the_picture_of_a_result_is_what_the_camera_shows():
+    image, shown = np.zeros((1, 4, 4)), np.ones((1, 4, 4))
+    plain = Reconstruction("direct", np.zeros((2, 2)), image, 0.0, "converged")
+    assert plain.picture is image and dataclasses.replace(plain, shown=shown).picture is shown
 
 
 def test_even_light_stays_even():
