@@ -142,8 +142,7 @@ def fit_with_gap(run: Run) -> None:
     def fit() -> float:
         run.lines, run.bench = together.on(*found)
         run.view = run.on(run.bench)
-        if not run.view.is_explained(run.lines):
-            run.search(run.lines, 1)
+        _search_again(run)
         return 1.0 if run.view.is_explained(run.lines) else BENCH_GAIN
 
     if _kept(run, fit):
@@ -233,8 +232,7 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
             enough = _enough(run, view.is_explained(before))
             if not has_valley and (was is None or now is None or not now < enough * was):
                 return 0.0
-            if not run.view.is_explained(run.lines):
-                run.search(run.lines, 1)
+            _search_again(run)
             return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
 
         if not _kept(run, fit):
@@ -244,6 +242,21 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
         if run.view.is_explained(run.lines):
             break
     return found
+
+
+def _search_again(run: Run) -> None:
+    """Lines searched for once more where they leave more than noise, in the mean or somewhere; the better are kept.
+
+    On another bench a line may end elsewhere that did not, or went beyond the plate, on the one it was found on: one of
+    eleven whose end lay outside left noise in the mean, and by 0.4 % of uneven light all others were 1 um off.
+    """
+    if run.view.is_settled(run.lines):
+        return
+    kept, was = (run.lines, run.model.shape), run.view.left(run.lines)
+    run.search(run.lines, 1)
+    now = run.view.left(run.lines)
+    if was is not None and now is not None and now >= was:
+        run.lines, run.model.shape = kept
 
 
 def _enough(run: Run, is_explained: bool) -> float:
@@ -278,8 +291,7 @@ def _fit_with_picture(run: Run) -> BenchOfLines | None:
         made.append(run.together(in_turn(pictures.names)[0]))
         run.lines, run.bench = made[0](run.lines, start)
         run.view = run.on(run.bench)
-        if not run.view.is_explained(run.lines):
-            run.search(run.lines, 1)
+        _search_again(run)
         return 1.0
 
     if not _kept(run, fit):

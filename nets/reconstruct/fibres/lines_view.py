@@ -83,6 +83,10 @@ class LinesView:
             return False
         return float(self.discrepancy.places(self.relief(lines)).max()) > WRONG_SHARE
 
+    def is_settled(self, lines: torch.Tensor) -> bool:
+        """Whether lines leave nothing but noise, in the mean and everywhere."""
+        return self.is_explained(lines) and not self.is_wrong_in_places(lines)
+
     def is_near(self, lines: torch.Tensor) -> bool:
         """Whether lines are near enough to the plate's that a descent on all pixels may leave nothing but noise."""
         left = self.left(lines)
