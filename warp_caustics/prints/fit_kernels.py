@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from warp_caustics.prints.kernels import line_cell
+from warp_caustics.prints.line_kernels import line_cell
 from warp_caustics.prints.overlap import LEAST, TINY_M
 
 LEAST_OVERLAP, TINIEST_M = wp.constant(LEAST), wp.constant(TINY_M)

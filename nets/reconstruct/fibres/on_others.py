@@ -13,12 +13,17 @@ class LinesOnOthers(LineModel):
 
     Args:
         model: renders both.
-        others_m: relief of the others [m], shape [n, n].
+        others: shape [L, 6] [m].
     """
 
-    def __init__(self, model: LineModel, others_m: torch.Tensor):
+    def __init__(self, model: LineModel, others: torch.Tensor):
         vars(self).update(vars(model))
-        self._others = others_m
+        self._others = model.heights(others)
+        self._others_points = None if model.shape.overlap == 1 else model.points(others)
+
+    def points(self, lines: torch.Tensor, others_m: torch.Tensor | None = None) -> torch.Tensor:
+        """What is printed at the points of each cell, others and all [m]; see :meth:`LineModel.points`."""
+        return super().points(lines, self._others_points if others_m is None else others_m)
 
     def joined(self, parts: torch.Tensor) -> torch.Tensor:
         """Relief of lines and the others [m], shape [n, n], from each line alone, shape [L, n, n]."""
@@ -36,6 +41,6 @@ def descended(fit: ImageFit, lines: torch.Tensor, moving: list[int], iterations:
     """
     others = [k for k in range(len(lines)) if k not in moving]
     beside = copy.copy(fit)
-    beside.model = LinesOnOthers(fit.model, fit.model.heights(lines[others]))
+    beside.model = LinesOnOthers(fit.model, lines[others])
     found = beside.descend(lines[moving], iterations)
     return Fitted(torch.cat([lines[others], found.lines]), found.loss)
