@@ -232,7 +232,7 @@ class LineModel:
     def _launch(
         self, kernel: wp.Kernel, rows: torch.Tensor, inputs: list[Any], outputs: Sequence[torch.Tensor]
     ) -> None:
-        """A kernel of single lines, whose outputs begin with one of each; a launch of Warp runs on one core of a CPU."""
+        """A kernel of single lines, of which outputs have one each; a launch of Warp runs on one core of a CPU."""
         of_cells, device = outputs[0].shape[-2:], self.device
 
         def launch(piece: slice) -> None:

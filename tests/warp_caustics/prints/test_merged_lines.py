@@ -49,7 +49,7 @@ def test_what_is_printed_of_the_means_is_another_relief():
     assert missing.min() > -1e-8 and missing.max() > 2e-5
 
 
-@pytest.mark.parametrize("shape", [Shape(), Shape(0.5, 1.0), Shape(1.0, 0.3, 1.0, 0.3, 1e-3), Shape(is_cap=True)])
+@pytest.mark.parametrize("shape", [Shape(), Shape(1.6, 0.5), Shape(1.0, 0.3, 1.0, 0.3, 1e-3), Shape(is_cap=True)])
 @pytest.mark.parametrize("overlap", OVERLAPS)
 def test_derivatives_are_those_by_differences(overlap, shape):
     model, step = model_of(overlap, shape), 1e-6
@@ -63,8 +63,8 @@ def test_derivatives_are_those_by_differences(overlap, shape):
             ends.append(model.heights(moved).double())
         by_differences = (ends[1] - ends[0]) / (2 * step)
         off = (column.double() - by_differences).norm() / by_differences.norm()
-        # On a rim that is steep, or a kink, a difference quotient may be half right at any one of few points.
-        assert off < (0.3 if shape.exponent < 1 else 0.12 if shape.is_cap else 0.02)
+        # At any one of few points on a steep rim a difference quotient may be half right.
+        assert off < (0.12 if shape.is_cap else 0.02)
 
 
 def test_lines_apart_are_what_they_are_alone():
