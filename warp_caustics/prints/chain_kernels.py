@@ -152,10 +152,15 @@ def chain_heights(
     samples: wp.int32,
     supersampling: wp.int32,
     # outputs
-    heights: wp.array3d[wp.float32],
+    heights: wp.array4d[wp.float32],
 ):
-    """Heights [L, n, n] [m] of single lines along points [L, K, 2] [m], of widths and heights [L, 2] [m]."""
+    """Heights [L, n, n, 1] [m] of single lines along points [L, K, 2] [m], of widths and heights [L, 2] [m].
+
+    Means of cells; at their points where ``heights`` are as many.
+    """
     k, i, tile = wp.tid()
+    count = supersampling * supersampling
+    is_mean = heights.shape[3] < count
     diagonal = cell[0] + cell[1]
     half = 0.5 * section.edge * sizes[k, 0]
     reach = half + 0.5 * diagonal
@@ -163,11 +168,14 @@ def chain_heights(
     near = tile_blocks(boxes, k, i, tile, reach, cell, samples)
     for j in range(wp.static(TILE) * tile, wp.min(wp.static(TILE) * (tile + 1), samples)):
         total = wp.float32(0.0)
+        if not is_mean:
+            for sub in range(count):
+                heights[k, i, j, sub] = 0.0
         if near[1] > 0:
             centre = cell_point(i, j, -1, supersampling, cell, samples)
             blocks = blocks_of_cell(points, boxes, k, near, centre, reach, diagonal)
             if blocks[1] > 0:
-                for sub in range(supersampling * supersampling):
+                for sub in range(count):
                     place = cell_point(i, j, sub, supersampling, cell, samples)
                     at = nearest_of_chain(points, boxes, k, blocks[0], blocks[1], place, half)
                     if at.piece >= 0:
@@ -183,7 +191,10 @@ def chain_heights(
                             False,
                         )
                         total += told[0]
-        heights[k, i, j] = total / wp.float32(supersampling * supersampling)
+                        if not is_mean:
+                            heights[k, i, j, sub] = told[0]
+        if is_mean:
+            heights[k, i, j, 0] = total / wp.float32(count)
 
 
 @no_type_check
@@ -196,13 +207,15 @@ def chain_heights_adjoint(
     cell: wp.vec2,
     samples: wp.int32,
     supersampling: wp.int32,
-    grad_heights: wp.array3d[wp.float32],
+    grad_heights: wp.array4d[wp.float32],
     # outputs
     grad_points: wp.array3d[wp.float32],
     grad_sizes: wp.array2d[wp.float32],
 ):
-    """Adds to the gradients by points [L, K, 2] and sizes [L, 2] from that by the heights of each line [L, n, n]."""
+    """Adds to the gradients by points [L, K, 2] and sizes [L, 2] from that by heights as of :func:`chain_heights`."""
     k, i, tile = wp.tid()
+    count = supersampling * supersampling
+    is_mean = grad_heights.shape[3] < count
     diagonal = cell[0] + cell[1]
     half = 0.5 * section.edge * sizes[k, 0]
     reach = half + 0.5 * diagonal
@@ -215,14 +228,16 @@ def chain_heights_adjoint(
     near = tile_blocks(boxes, k, i, tile, reach, cell, samples)
     if near[1] > 0:
         for j in range(wp.static(TILE) * tile, wp.min(wp.static(TILE) * (tile + 1), samples)):
-            grad = grad_heights[k, i, j] / wp.float32(supersampling * supersampling)
+            grad = grad_heights[k, i, j, 0] / wp.float32(count)
             centre = cell_point(i, j, -1, supersampling, cell, samples)
             blocks = blocks_of_cell(points, boxes, k, near, centre, reach, diagonal)
             if blocks[1] > 0:
-                for sub in range(supersampling * supersampling):
+                for sub in range(count):
                     place = cell_point(i, j, sub, supersampling, cell, samples)
                     at = nearest_of_chain(points, boxes, k, blocks[0], blocks[1], place, half + beyond)
                     if at.piece >= 0:
+                        if not is_mean:
+                            grad = grad_heights[k, i, j, sub]
                         told = across(
                             section.exponent,
                             section.parabola,

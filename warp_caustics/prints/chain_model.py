@@ -12,7 +12,7 @@ from warp_caustics.determinism import is_deterministic
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.chain_kernels import BLOCK, TILE, ChainSection, chain_heights, chain_heights_adjoint
 from warp_caustics.prints.model import LineModel, section_edge
-from warp_caustics.prints.overlap import share
+from warp_caustics.prints.overlap import by_each, relief_of
 from warp_caustics.types import FloatArray
 
 
@@ -75,39 +75,55 @@ class ChainModel:
 
     def parts(self, chains: PlacedChains) -> torch.Tensor:
         """Each line alone [m], shape [L, n, n], float32."""
+        return self._printed(chains, 1)[..., 0]
+
+    def alone(self, chains: PlacedChains) -> torch.Tensor:
+        """Each line alone as it tells what is printed of all: :meth:`parts` where lines add up, else points of cells.
+
+        Those have the shape [L, n, n, supersampling^2] [m].
+        """
+        if self.model.shape.overlap == 1:
+            return self.parts(chains)
+        return self._printed(chains, self.model.supersampling**2)
+
+    def together(self, alone: torch.Tensor) -> torch.Tensor:
+        """Relief of all together [m], shape [n, n], float32."""
+        return relief_of(alone, self.model.shape.overlap)
+
+    def heights(self, points: FloatArray, sizes: FloatArray) -> torch.Tensor:
+        """Relief of all together [m], shape [n, n], float32."""
+        return self.together(self.alone(self.placed(points, sizes)))
+
+    def _printed(self, chains: PlacedChains, count: int) -> torch.Tensor:
+        """Each line alone [m], shape [L, n, n, count], in means of cells or at their points."""
         n = self.model.n
-        heights = torch.empty(len(chains), n, n, device=self._device)
+        heights = torch.empty(len(chains), n, n, count, device=self._device)
         if len(chains):
             self._launch(chain_heights, chains, [], [warp_array(heights)])
         return heights.to(self.model.device)
 
-    def heights(self, points: FloatArray, sizes: FloatArray) -> torch.Tensor:
-        """Relief of all together [m], shape [n, n], float32."""
-        return self.model.joined(self.parts(self.placed(points, sizes)))
-
     def gradient(
-        self, chains: PlacedChains, parts: torch.Tensor, by_height: torch.Tensor
+        self, chains: PlacedChains, alone: torch.Tensor, by_height: torch.Tensor
     ) -> tuple[FloatArray, FloatArray]:
         """Of a function of the relief of all together, by points, shape [L, K, 2], and sizes, shape [L, 2].
 
         Args:
             chains: lines.
-            parts: of these lines.
+            alone: of these lines, of :meth:`alone` or :meth:`parts`.
             by_height: the function's gradient by the relief [1/m], shape [n, n].
         """
-        of_each = by_height.expand_as(parts)
-        if self.model.shape.overlap != 1:
-            of_each = of_each * share(parts, self.model.joined(parts), self.model.shape.overlap)
-        return self.gradient_of_each(chains, of_each)
+        return self.gradient_of_each(chains, by_each(by_height, alone, self.model.shape.overlap))
 
     def gradient_of_each(self, chains: PlacedChains, by_height: torch.Tensor) -> tuple[FloatArray, FloatArray]:
         """Of functions of the relief of each alone, by points, shape [L, K, 2], and sizes, shape [L, 2]; float64.
 
         Args:
             chains: lines.
-            by_height: gradients by the reliefs [1/m], shape [L, n, n].
+            by_height: gradients by the reliefs [1/m], shape [L, n, n], or by points of cells.
         """
         of_each, points = by_height.to(self._device).contiguous(), chains.points
+        if of_each.ndim == 3:
+            of_each = of_each[..., None]
         summed = torch.zeros(points.numel() + 2 * len(chains), device=self._device)
         by_point, by_size = summed[: points.numel()].view(points.shape), summed[points.numel() :].view(-1, 2)
         self._launch(chain_heights_adjoint, chains, [warp_array(of_each)], [warp_array(by_point), warp_array(by_size)])

@@ -40,3 +40,20 @@ def share(parts: torch.Tensor, total: torch.Tensor, q: float) -> torch.Tensor:
     if q < LEAST:
         return (parts >= total).to(parts.dtype)
     return (parts / total.clamp_min(TINY_M)).clamp(0.0, 1.0).pow(1 / q - 1)
+
+
+def relief_of(alone: torch.Tensor, q: float) -> torch.Tensor:
+    """Relief of lines [m], shape [n, n], from each alone, shape [L, n, n], or at points of cells, [L, n, n, points].
+
+    The latter is what is printed: where lines cross, the mean over a cell is not what is printed of the means.
+    """
+    total = joined(alone, q)
+    return total.mean(dim=-1) if alone.ndim == 4 else total
+
+
+def by_each(by_height: torch.Tensor, alone: torch.Tensor, q: float) -> torch.Tensor:
+    """Gradient by each line alone, shape of ``alone``, from that by the relief, shape [n, n]; see :func:`relief_of`."""
+    if alone.ndim == 4:
+        by_height = by_height[..., None] / alone.shape[-1]
+    of_each = by_height.expand_as(alone)
+    return of_each if q == 1 else of_each * share(alone, joined(alone, q), q)

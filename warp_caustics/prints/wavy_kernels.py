@@ -119,10 +119,18 @@ def wavy_heights(
     samples: wp.int32,
     supersampling: wp.int32,
     # outputs
-    heights: wp.array3d[wp.float32],
+    heights: wp.array4d[wp.float32],
 ):
-    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS) [m] with knots [L, K, 2] ([1], [m])."""
+    """Heights [L, n, n, 1] [m] of single lines [L, 6] (LINE_COLUMNS) [m] with knots [L, K, 2] ([1], [m]).
+
+    Means of cells; at their points where ``heights`` are as many.
+    """
     k, i, j = wp.tid()
+    count = supersampling * supersampling
+    is_mean = heights.shape[3] < count
+    if not is_mean:
+        for sub in range(count):
+            heights[k, i, j, sub] = 0.0
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
     length = wp.max(wp.length(along), 1.0e-10)
@@ -130,10 +138,14 @@ def wavy_heights(
     centre = cell_point(i, j, -1, supersampling, cell, samples) - start
     if not is_far(centre, along, length, lines[k, 4], section, cell):
         side = 0.5 * (cell[0] + cell[1]) / wp.float32(supersampling)
-        for sub in range(supersampling * supersampling):
+        for sub in range(count):
             offset = cell_point(i, j, sub, supersampling, cell, samples) - start
-            total += wavy_point(lines, knots, counts, k, offset, along, length, section, side).told[0]
-    heights[k, i, j] = total / wp.float32(supersampling * supersampling)
+            height = wavy_point(lines, knots, counts, k, offset, along, length, section, side).told[0]
+            total += height
+            if not is_mean:
+                heights[k, i, j, sub] = height
+    if is_mean:
+        heights[k, i, j, 0] = total / wp.float32(count)
 
 
 @no_type_check
@@ -146,21 +158,25 @@ def wavy_heights_adjoint(
     cell: wp.vec2,
     samples: wp.int32,
     supersampling: wp.int32,
-    grad_heights: wp.array3d[wp.float32],
+    grad_heights: wp.array4d[wp.float32],
     # outputs
     grad_lines: wp.array2d[wp.float32],
     grad_knots: wp.array3d[wp.float32],
 ):
-    """Adds to the gradients by lines [L, 6] and knots [L, K, 2] from that by the heights of each line [L, n, n]."""
+    """Adds to the gradients by lines [L, 6] and knots [L, K, 2] from that by heights as of :func:`wavy_heights`."""
     k, i, j = wp.tid()
+    count = supersampling * supersampling
+    is_mean = grad_heights.shape[3] < count
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
     length = wp.max(wp.length(along), 1.0e-10)
     centre = cell_point(i, j, -1, supersampling, cell, samples) - start
     if not is_far(centre, along, length, lines[k, 4], section, cell):
         side = 0.5 * (cell[0] + cell[1]) / wp.float32(supersampling)
-        grad = grad_heights[k, i, j] / wp.float32(supersampling * supersampling)
-        for sub in range(supersampling * supersampling):
+        grad = grad_heights[k, i, j, 0] / wp.float32(count)
+        for sub in range(count):
+            if not is_mean:
+                grad = grad_heights[k, i, j, sub]
             offset = cell_point(i, j, sub, supersampling, cell, samples) - start
             at = wavy_point(lines, knots, counts, k, offset, along, length, section, side)
             # Sections that are steep at their edge have a slope a little beyond it.

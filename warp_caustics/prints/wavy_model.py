@@ -9,7 +9,7 @@ from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.determinism import is_deterministic
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.model import LineModel, section_edge
-from warp_caustics.prints.overlap import share
+from warp_caustics.prints.overlap import by_each, relief_of
 from warp_caustics.prints.wavy_kernels import WavySection, wavy_heights, wavy_heights_adjoint
 
 KNOT_M = 6e-4
@@ -42,40 +42,47 @@ class WavyModel:
         self._device = torch.device("cpu") if is_deterministic() else model.device
         self._counts = counts.to(self._device, torch.int32).contiguous()
 
-    def parts(self, lines: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
-        """Each line alone [m], shape [L, n, n], float32.
+    def alone(self, lines: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
+        """Each line alone [m], shape [L, n, n], float32; where lines do not add up at the points of cells.
+
+        Those have the shape [L, n, n, supersampling^2].
 
         Args:
             lines: shape [L, 6] [m].
             knots: more thickness [1], above -1, and the way aside of the straight line, to the left [m], shape
                 [L, K, 2].
         """
-        n = self.model.n
-        heights = torch.empty(len(lines), n, n, device=self._device)
+        n, adds_up = self.model.n, self.model.shape.overlap == 1
+        count = 1 if adds_up else self.model.supersampling**2
+        heights = torch.empty(len(lines), n, n, count, device=self._device)
         if len(lines):
             told, keep = self._told(lines, knots)
             self._launch(wavy_heights, told, [warp_array(heights)])
             del keep
-        return heights.to(self.model.device)
+        return (heights[..., 0] if adds_up else heights).to(self.model.device)
+
+    def together(self, alone: torch.Tensor) -> torch.Tensor:
+        """Relief of all together [m], shape [n, n], float32."""
+        return relief_of(alone, self.model.shape.overlap)
 
     def heights(self, lines: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
         """Relief of all together [m], shape [n, n], float32."""
-        return self.model.joined(self.parts(lines, knots))
+        return self.together(self.alone(lines, knots))
 
     def gradient(
-        self, lines: torch.Tensor, knots: torch.Tensor, parts: torch.Tensor, by_height: torch.Tensor
+        self, lines: torch.Tensor, knots: torch.Tensor, alone: torch.Tensor, by_height: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Of a function of the relief, by lines, shape [L, 6], and knots, shape [L, K, 2]; float64, on the CPU.
 
         Args:
             lines: shape [L, 6] [m].
             knots: shape [L, K, 2].
-            parts: of these lines.
+            alone: of these lines.
             by_height: the function's gradient by the relief [1/m], shape [n, n].
         """
-        of_each = by_height.expand_as(parts)
-        if self.model.shape.overlap != 1:
-            of_each = of_each * share(parts, self.model.joined(parts), self.model.shape.overlap)
+        of_each = by_each(by_height, alone, self.model.shape.overlap)
+        if of_each.ndim == 3:
+            of_each = of_each[..., None]
         told, keep = self._told(lines, knots)
         of_each = of_each.to(self._device).contiguous()
         by_line = torch.zeros(len(lines), 6, device=self._device)

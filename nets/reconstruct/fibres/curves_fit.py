@@ -109,9 +109,9 @@ class _Descent:
         sizes = told * [half_height(self._begun_shape) / half_height(shape), 1.0] if self._of_shape else told
         at = self.points.of(nodes)
         chains = self.chains.placed(at, sizes)
-        parts = self.chains.parts(chains)
-        loss, by_height, _ = self.fit.with_gradient(model.joined(parts))
-        by_point, by_size = self.chains.gradient(chains, parts, by_height)
+        alone = self.chains.alone(chains)
+        loss, by_height, _ = self.fit.with_gradient(self.chains.together(alone))
+        by_point, by_size = self.chains.gradient(chains, alone, by_height)
         of_sizes = by_size * (sizes / told) * self._scales
         by_shape = self._by_shape(at, sizes, shape, by_height)
         held = NODE_SCALE_M / HELD_M * u[: nodes.size]

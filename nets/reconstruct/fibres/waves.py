@@ -164,9 +164,9 @@ def with_waves(fit: ImageFit, start: WavyLines, iterations: int, noise: float) -
 
     def objective(u: FloatArray) -> tuple[float, FloatArray]:
         lines, knots = numbers(u)
-        parts = wavy.parts(lines, knots)
-        loss, by_height, _ = fit.with_gradient(fit.model.joined(parts))
-        by_line, by_knot = wavy.gradient(lines, knots, parts, by_height)
+        alone = wavy.alone(lines, knots)
+        loss, by_height, _ = fit.with_gradient(wavy.together(alone))
+        by_line, by_knot = wavy.gradient(lines, knots, alone, by_height)
         waves = u[of_lines:]
         gradient = np.concatenate([(by_line * scales).numpy().ravel(), (by_knot * widths).numpy().ravel()])
         gradient *= LOSS_SCALE

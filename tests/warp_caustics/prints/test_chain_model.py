@@ -19,7 +19,7 @@ CORNER = 1e-3 * np.array([[-5.0, 15.0], [4.0, 15.0], [4.0, 2.0]])
 DROP = 1e-3 * np.array([[15.0, -12.0]])
 WAYS = (CURVE, MEANDER, RING, CORNER, DROP)
 SIZES = 1e-3 * np.array([[2.0, 0.5], [1.1, 0.3], [2.6, 0.8], [1.5, 0.4], [3.0, 0.6]])
-SHAPES = (Shape(), Shape(1.2, 0.3, 0.5), Shape(is_cap=True))
+SHAPES = (Shape(), Shape(1.2, 0.3, 0.5), Shape(is_cap=True), Shape(overlap=0.0))
 
 
 def filled(ways=WAYS):
@@ -49,6 +49,8 @@ def test_a_chain_of_two_points_is_a_line():
         chains = chains_of(shape)
         parts = chains.parts(chains.placed(lines[:, :4].reshape(2, 2, 2).numpy(), lines[:, 4:].numpy()))
         torch.testing.assert_close(parts, chains.model.parts(lines)[0], rtol=0, atol=2e-9)
+        relief = chains.heights(lines[:, :4].reshape(2, 2, 2).numpy(), lines[:, 4:].numpy())
+        torch.testing.assert_close(relief, chains.model.heights(lines), rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, BLOCK, BLOCK + 1, BLOCK + 2])
@@ -79,7 +81,7 @@ def test_gradient_by_points_and_sizes(shape):
     rng = np.random.default_rng(2)
     smooth = np.cos(np.mgrid[0:64, 0:64].transpose(1, 2, 0) @ rng.uniform(0.1, 0.4, (2, 3))).sum(-1)
     weight = torch.from_numpy(smooth.astype(np.float32))
-    by_point, by_size = chains.gradient(placed, chains.parts(placed), weight)
+    by_point, by_size = chains.gradient(placed, chains.alone(placed), weight)
     turns = rng.uniform(0, 2 * np.pi, (len(WAYS), 1, 2))
     moved = np.sin(400 * points + turns)
     grown = rng.standard_normal(sizes.shape)
@@ -102,9 +104,9 @@ def test_a_gpu_agrees():
     for device in ("cpu", "cuda"):
         chains = chains_of(SHAPES[1], device)
         placed = chains.placed(filled(), SIZES)
-        parts = chains.parts(placed)
-        assert parts.device.type == device
-        found.append((parts.cpu().numpy(), *chains.gradient(placed, parts, weight.to(device))))
+        alone = chains.alone(placed)
+        assert alone.device.type == device
+        found.append((alone.cpu().numpy(), *chains.gradient(placed, alone, weight.to(device))))
     for one, other in zip(*found, strict=True):
         assert np.linalg.norm(one - other) <= 2e-3 * np.linalg.norm(one)
 

@@ -15,7 +15,7 @@ from warp_caustics.scene import Scene
 SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
 LINES = 1e-3 * torch.tensor([[-10.0, 3.0, 12.0, -7.0, 2.9, 0.8], [1.0, 2.0, 5.0, 5.0, 1.3, 1.0]], dtype=torch.float64)
 COUNTS = knot_counts(LINES)
-SHAPES = (Shape(), Shape(1.2, 0.3, 0.5, 0.3, 2e-3), Shape(is_cap=True))
+SHAPES = (Shape(), Shape(1.2, 0.3, 0.5, 0.3, 2e-3), Shape(is_cap=True), Shape(overlap=0.0))
 
 
 def model_of(shape, device="cpu"):
@@ -81,8 +81,8 @@ def test_gradient_by_lines_and_knots(shape):
     exact = 0.06 if shape.is_cap else 0.02
     wavy_model, knots = WavyModel(model_of(shape), COUNTS), waves()
     weight = torch.randn(64, 64, generator=torch.Generator().manual_seed(1))
-    parts = wavy_model.parts(LINES, knots)
-    by_line, by_knot = wavy_model.gradient(LINES, knots, parts, weight)
+    alone = wavy_model.alone(LINES, knots)
+    by_line, by_knot = wavy_model.gradient(LINES, knots, alone, weight)
 
     def value(lines, knots):
         return float((wavy_model.heights(lines, knots).double() * weight.double()).sum())
@@ -107,7 +107,7 @@ def test_gradient_of_steep_edges():
     """Of half ellipses single points at the edge jump, and not all of them together: all knots move alike."""
     wavy_model, knots = WavyModel(model_of(Shape(0.5, 1.0)), COUNTS), waves()
     weight = torch.ones(64, 64)
-    _, by_knot = wavy_model.gradient(LINES, knots, wavy_model.parts(LINES, knots), weight)
+    _, by_knot = wavy_model.gradient(LINES, knots, wavy_model.alone(LINES, knots), weight)
     step = torch.zeros_like(knots)
     step[..., 0] = 0.01
     ahead, behind = (float(wavy_model.heights(LINES, knots + sign * step).double().sum()) for sign in (1, -1))
@@ -123,9 +123,9 @@ def test_a_gpu_agrees(monkeypatch, is_deterministic):
     weight, found = torch.randn(64, 64, generator=torch.Generator().manual_seed(1)), []
     for device in ("cpu", "cuda"):
         wavy_model = WavyModel(model_of(SHAPES[1], device), COUNTS)
-        parts = wavy_model.parts(LINES, waves())
-        assert parts.device.type == device
-        found.append((parts.cpu(), *wavy_model.gradient(LINES, waves(), parts, weight.to(device))))
+        alone = wavy_model.alone(LINES, waves())
+        assert alone.device.type == device
+        found.append((alone.cpu(), *wavy_model.gradient(LINES, waves(), alone, weight.to(device))))
     # Roots and powers of a GPU are good to two units in the last place; single points at an edge decide otherwise.
     for one, other in zip(*found, strict=True):
         assert float((one - other).norm()) <= 2e-3 * float(one.norm())
