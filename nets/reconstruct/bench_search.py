@@ -150,10 +150,14 @@ class BenchSearch:
         try:
             step = self._step_of(image, told)(answer, self.before)
         except CausticsError:
-            return Glance(is_other=False, is_smaller=False)
+            return Glance(is_other=False, has_other_size=False)
         is_other = self._is_off(step.values, step.sigma)
-        vergence = step.values.get(VERGENCE, 0.0)
-        return Glance(is_other, is_other and vergence < -WORTH * step.sigma.get(VERGENCE, 0.0))
+        apart = abs(step.values.get(VERGENCE, 0.0) - self.before.get(VERGENCE, 0.0))
+        return Glance(is_other, is_other and apart > WORTH * step.sigma.get(VERGENCE, 0.0))
+
+    def is_far(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> bool:
+        """Whether the picture is of quite another size, which one step may not show; arguments as for a call."""
+        return self._far_start(image, told, answer) is not None
 
     def cleared(self, image: CausticImage) -> CausticImage:
         """The image without the stray light that is told."""
@@ -345,10 +349,10 @@ class BenchSearch:
 
 
 class Glance(NamedTuple):
-    """What an image shows by one step: another bench than told; and a picture that is too small on it."""
+    """What an image shows by one step: another bench than told; and a picture of another size, or a lamp nearby."""
 
     is_other: bool
-    is_smaller: bool
+    has_other_size: bool
 
 
 class _Run(NamedTuple):

@@ -134,6 +134,8 @@ def fit_with_gap(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are as they were.
     """
+    if is_too_fine(run):
+        return
     together = run.together()
     found = GapOfLines(together)(run.lines, run.bench)
     if found is None:
@@ -163,7 +165,7 @@ def fit_with_bench(run: Run) -> None:
         together = found or together
         if found is not None and not has_tried:
             together, has_tried = _fit_with_picture(run) or together, True
-        if not left and again and found is not None and run.view.is_explained(run.lines):
+        if not left and again and found is not None and run.view.is_explained(run.lines) and not is_too_fine(run):
             left, again = every, again - 1
     if run.view.is_explained(run.lines):
         if together is not None:
@@ -177,6 +179,15 @@ def is_first(run: Run) -> bool:
     return run.is_elsewhere and run.covariance is None
 
 
+def is_too_fine(run: Run) -> bool:
+    """Whether gap, base and index show less in an image than a picture of another size is simulated wrong by.
+
+    That is 0.5 % of flat light. Three lines that left nothing but noise of a picture 1 % too large asked for a gap
+    27 um wider, by 133 squared deviations; a plate of the test bench was 15 um off on a base 0.2 mm thicker.
+    """
+    return run.numbers.is_picture and run.view.is_explained(run.lines)
+
+
 def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:
     """Of sets of numbers the first that tells most of what all of them do, and those after it.
 
@@ -184,6 +195,10 @@ def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ..
     """
     if is_first(run):
         return some[0], list(some[1:])
+    if is_too_fine(run):
+        some = [names for names in some if not set(BEND_LIGHT) & set(names)]
+        if not some:
+            return None, []
     evidence = run.together().evidence(run.lines, run.bench, some)
     if run.view.is_explained(run.lines) and max(evidence) < ASKING**2:
         return None, []

@@ -76,7 +76,7 @@ class Fibres(Reconstructor):
         self.looks_first = not self.takes_bench_as_told and self.options.max_time_s is None
         """Whether a bench that looks other is found without lines first."""
         self.finds_other_with_lines = is_gpu
-        """But a picture that is too small: on a GPU bench and lines together take seconds."""
+        """But a picture of another size: on a GPU bench and lines together take seconds."""
         self.refinement = Refinement(scene, plain, self.device, self.network.network.seen.scale)
         self.finds_section = self.options.profile == "found"
 
@@ -99,9 +99,9 @@ class Fibres(Reconstructor):
         if answer.stop_reason == "interrupted":
             return self.network.asked[0].grid.result(dataclasses.replace(answer, method=self.name))
         run, direct = LinesOfImage(self, image, answer, started, progress), None
-        glance = search.glance(image, answer, answer.heights_m) if self.looks_first else None
-        if glance is not None and (glance.is_smaller if self.finds_other_with_lines else glance.is_other):
-            # Lines would be searched for in vain on a bench that is not there.
+        if self.looks_first and self._looks_other(search, image, answer):
+            # Lines would be searched for in vain on a bench that is not there, or go astray: where a picture is larger
+            # lines that lie further out explain it nearly.
             run.leave()
             direct = self._by_network(run, measured, initial, progress)
             if direct.stop_reason == "interrupted":
@@ -139,6 +139,13 @@ class Fibres(Reconstructor):
                 if run.takes_lines:
                     return plain
         return self._with_curves(plain, run, search, measured, answer, started, progress)
+
+    def _looks_other(self, search: BenchSearch, image: CausticImage, answer: Reconstruction) -> bool:
+        """Whether the bench is looked for without lines first."""
+        glance = search.glance(image, answer, answer.heights_m)
+        if glance.has_other_size if self.finds_other_with_lines else glance.is_other:
+            return True
+        return search.is_far(image, answer, answer.heights_m)
 
     def _is_free(self, run: LinesOfImage) -> bool:
         """Whether nobody waits for the end."""

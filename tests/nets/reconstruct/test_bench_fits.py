@@ -1,5 +1,6 @@
 """The fewest numbers of a bench that explain an image."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +8,15 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres import bench_fits
-from nets.reconstruct.fibres.bench_and_light import Bench, bench_record, lit, seen_on
-from nets.reconstruct.fibres.bench_fits import asked_next, differing, fit_with_bench, fit_with_light, in_turn
+from nets.reconstruct.fibres.bench_and_light import BEND_LIGHT, Bench, bench_record, lit, seen_on
+from nets.reconstruct.fibres.bench_fits import (
+    asked_next,
+    differing,
+    fit_with_bench,
+    fit_with_gap,
+    fit_with_light,
+    in_turn,
+)
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_view import LinesView
@@ -159,6 +167,24 @@ def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_pictur
     assert run.bench.values["vergence_per_m"] == pytest.approx(vergence, abs=0.1)
     assert error_um(model, run.lines) < 1.0
     assert bench_record(run.numbers, run.bench).is_picture == is_picture
+    assert not is_picture or set(run.asked).isdisjoint(BEND_LIGHT), (
+        "which such a picture is not simulated well enough for"
+    )
+
+
+def test_gap_and_base_are_not_asked_of_a_picture_of_another_size(model, monkeypatch):
+    """That lines explain; of one they do not explain they are."""
+    run = run_with(model, photographed(model, bench_with()), LINES)
+    monkeypatch.setattr(BenchOfLines, "evidence", lambda self, lines, bench, some: [100.0] * len(some))
+    turns = in_turn(run.numbers.names)
+    assert asked_next(run, turns[-1:])[0] == turns[-1]
+    run.numbers = replace(run.numbers, is_picture=True)
+    assert asked_next(run, turns[-1:]) == (None, [])
+    assert asked_next(run, turns)[0] == turns[0]
+    monkeypatch.setattr(bench_fits, "GapOfLines", lambda together: pytest.fail("asked"))
+    fit_with_gap(run)
+    run.lines = LINES[:1]
+    assert asked_next(run, turns[-1:])[0] == turns[-1]
 
 
 def test_light_that_is_uneven_needs_no_other_bench(model):

@@ -189,6 +189,10 @@ def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypa
     search = BenchSearch(method, method.numbers)
     told = [search.glance(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)]
     assert told == [(False, False), (True, False)]
+    for vergence in (-2.5, 2.5):
+        sized = taken(relief, vergence_per_m=vergence)
+        answer = method.found(sized)
+        assert search.glance(sized, answer, answer.heights_m) == (True, True)
 
     asked = []
     monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.LinesOfImage.fit", lambda self: asked.append(self))
