@@ -18,9 +18,11 @@ TRIED_SHAPES = (Shape(1.0), Shape(0.5), PARABOLA, ELLIPSE, Shape(1.6), Shape(8.0
 ON_THE_WAY = {Shape(8.0): Shape(1.6), ELLIPSE: PARABOLA, Shape(0.35): Shape(0.5)}
 """To sections that are far from a cosine: not tried where these, which come before them, leave more than what lines
 have."""
-OVERLAPS = (1.0, 0.35, 0.0)
-"""Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is printed: one of
-these is near enough for descents to find what lies between."""
+NEARLY_HIGHEST, HIGHEST = 0.05, 0.0
+OVERLAPS = (1.0, 0.35, NEARLY_HIGHEST)
+"""Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is nearly printed: one
+of these is near enough for descents to find what lies between. The highest itself is tried where it nearly is: q below
+0.02 prints the same, so that no descent finds a way from there."""
 THICK_ENDS = 0.25, 1e-3
 """That are tried: share, and length [m]."""
 TRIAL_ITERATIONS = 8
@@ -119,4 +121,12 @@ def with_section_found(fit: ImageFit, lines: torch.Tensor, *, moves: bool = Fals
         model.shape = best_shape
     if best_shape == given and not moves:
         return best_lines.lines, False
-    return fit.descend(best_lines.lines, MORE_ITERATIONS, with_section=True).lines, True
+    found = fit.descend(best_lines.lines, MORE_ITERATIONS, with_section=True)
+    nearly = model.shape
+    if 0 < nearly.overlap < 2 * NEARLY_HIGHEST:
+        model.shape = nearly._replace(overlap=HIGHEST)
+        other = fit.descend(found.lines, MORE_ITERATIONS, with_section=True)
+        if other.loss < found.loss:
+            return other.lines, True
+        model.shape = nearly
+    return found.lines, True
