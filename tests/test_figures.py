@@ -340,21 +340,6 @@ def test_ways_to_be_told():
         assert "\n".join(conditioning.table(json.loads(path.read_text(encoding="utf-8")))) in text
 
 
-def test_the_paper_s_recipe_to_its_end():
-    """Its table is that of the stored trainings, each of which ended by the rule."""
-    stored = json.loads((ROOT / "benchmarks" / "paper_recipe_full.json").read_text(encoding="utf-8"))
-    words = (ROOT / "docs" / "learned.md").read_text(encoding="utf-8").replace("**", "")
-    assert len(stored) == 3
-    for seed, of in enumerate(stored.values()):
-        assert of["seed"] == seed and of["ended"] == "by three epochs without progress"
-        assert of["weights_of_epoch"] == len(of["epochs"]) - 3
-        errors = ", ".join(f"{epoch['val_rmse_um']:.0f}" for epoch in of["epochs"])
-        reached = np.mean(of["iterations_um"], axis=0)
-        best = f"{of['weights_of_epoch']}{'rd' if of['weights_of_epoch'] == 3 else 'th'}"
-        cells = " | ".join(f"{reached[k]:.0f}" for k in (1, 2, 3, 5, 10))
-        assert f"| {seed} | {len(errors.split())} | {errors} | {best} | {cells} |" in words
-
-
 def test_the_paper_s_recipe():
     """Its row, samples, epochs and losses are those of the stored training."""
     stored = json.loads((ROOT / "benchmarks" / "paper_recipe.json").read_text(encoding="utf-8"))

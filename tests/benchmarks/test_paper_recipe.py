@@ -1,8 +1,11 @@
 """The paper's recipe with its ablations: what each network is given, when it ends, and the table."""
 
+import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
@@ -10,6 +13,7 @@ from benchmarks.paper_recipe import VARIANTS, Learner, _restored, as_seen, run_o
 from benchmarks.paper_samples import BATCH, Options, Pool
 from warp_caustics.errors import InputError
 
+ROOT = Path(__file__).parents[2]
 OPTIONS = Options("cpu", 90_000, 8, 32, 4, False, 200_000)
 
 
@@ -113,3 +117,18 @@ def test_networks_that_learn_side_by_side_go_on_together(tmp_path):
     torch.save({"step": 40, "seconds": 5.0}, tmp_path / "no-denoiser-0.pt")
     assert _restored(tmp_path, learners) == (40, 5.0)
     assert restored == [("full-0", 40), ("no-denoiser-0", 40)]
+
+
+def test_the_table_of_trainings_to_their_end():
+    """Its table is that of the stored trainings, each of which ended by the rule."""
+    stored = json.loads((ROOT / "benchmarks" / "paper_recipe_full.json").read_text(encoding="utf-8"))
+    words = (ROOT / "docs" / "learned.md").read_text(encoding="utf-8").replace("**", "")
+    assert len(stored) == 3
+    for seed, of in enumerate(stored.values()):
+        assert of["seed"] == seed and of["ended"] == "by three epochs without progress"
+        assert of["weights_of_epoch"] == len(of["epochs"]) - 3
+        errors = ", ".join(f"{epoch['val_rmse_um']:.0f}" for epoch in of["epochs"])
+        reached = np.mean(of["iterations_um"], axis=0)
+        best = f"{of['weights_of_epoch']}{'rd' if of['weights_of_epoch'] == 3 else 'th'}"
+        cells = " | ".join(f"{reached[k]:.0f}" for k in (1, 2, 3, 5, 10))
+        assert f"| {seed} | {len(errors.split())} | {errors} | {best} | {cells} |" in words

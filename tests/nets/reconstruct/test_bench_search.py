@@ -184,15 +184,11 @@ def test_a_picture_whose_size_is_told_is_not_looked_for(truthful, relief):
 def test_a_cpu_looks_for_lines_on_the_bench_that_was_found_without_them(monkeypatch, truthful, saved, relief):
     """Told at a glance; on a bench that is as told lines are looked for at once."""
     method = truthful()
-    as_told, moved = taken(relief), taken(relief, screen_x_m=3e-4)
-    found = [method.found(image) for image in (as_told, moved)]
-    search = BenchSearch(method, method.numbers)
-    told = [search.glance(image, each, each.heights_m) for image, each in zip((as_told, moved), found, strict=True)]
-    assert told == [(False, False), (True, False)]
-    for vergence in (-2.5, 2.5):
-        sized = taken(relief, vergence_per_m=vergence)
-        answer = method.found(sized)
-        assert search.glance(sized, answer, answer.heights_m) == (True, True)
+    moved = taken(relief, screen_x_m=3e-4)
+    images = [taken(relief), moved, *(taken(relief, vergence_per_m=each) for each in (-2.5, 2.5))]
+    found, search = [method.found(image) for image in images], BenchSearch(method, method.numbers)
+    told = [search.glance(image, each, each.heights_m) for image, each in zip(images, found, strict=True)]
+    assert told == [(False, False), (True, False), (True, True), (True, True)]
 
     asked = []
     monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.LinesOfImage.fit", lambda self: asked.append(self))

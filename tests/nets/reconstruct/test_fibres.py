@@ -194,24 +194,6 @@ def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image,
     assert len(asked) == 2 and bump.counters["explained_by"] == "network"
 
 
-@pytest.mark.parametrize(
-    ("is_gpu", "glance", "is_far", "expected"),
-    [
-        (True, Glance(True, False), False, False),
-        (False, Glance(True, False), False, True),
-        (True, Glance(True, True), False, True),
-        (True, Glance(False, False), True, True),
-        (False, Glance(False, False), True, True),
-        (False, Glance(False, False), False, False),
-    ],
-)
-def test_where_a_bench_is_looked_for_without_lines_first(is_gpu, glance, is_far, expected):
-    """A GPU finds most with lines, but not the size of a picture, which lines that lie further out explain nearly."""
-    method = SimpleNamespace(finds_other_with_lines=is_gpu)
-    search = SimpleNamespace(glance=lambda *of: glance, is_far=lambda *of: is_far)
-    assert Fibres._looks_other(method, search, None, SimpleNamespace(heights_m=None)) == expected
-
-
 @pytest.mark.parametrize("waves", [False, True])
 def test_lines_that_vary_along_their_way(monkeypatch, model, answering, waves):
     """Of a print whose lines are 4 % thicker and thinner, and 50 um aside, where the network's relief told the lines."""

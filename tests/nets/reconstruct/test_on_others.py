@@ -2,22 +2,10 @@
 
 import numpy as np
 import pytest
-import torch
 
 from nets.reconstruct.fibres.on_others import LinesOnOthers
+from tests.nets.reconstruct.three_lines import LINES, SCENE
 from warp_caustics.prints.model import LineModel, Shape
-from warp_caustics.scene import Scene
-
-SCENE = Scene(height_samples=32, image_pixels=64)
-LINES = torch.tensor(
-    [
-        [-0.018, -0.012, 0.016, 0.013, 3.2e-3, 0.9e-3],
-        [-0.015, 0.014, 0.019, -0.016, 2.0e-3, 1.3e-3],
-        [-0.002, -0.020, 0.004, 0.021, 4.0e-3, 0.6e-3],
-        [0.010, 0.010, 0.018, 0.020, 1.5e-3, 0.8e-3],
-    ],
-    dtype=torch.float64,
-)
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.2, 0.5, 1.0])
