@@ -29,12 +29,16 @@ FIGURES = (
     "slope_error",
     "within_one",
     "within_two",
+    "within_one_on_relief",
+    "within_two_on_relief",
     "flat_um",
     "warned",
     "explained",
     "time_s",
 )
 """Of each plate."""
+ON_RELIEF = "within_one_on_relief"
+"""Rows that were stored before it was counted have none."""
 MEASURED_WITH = ("direct", "direct-family")
 """Networks whose hash is stored: those of the methods that the tables show."""
 
@@ -76,7 +80,7 @@ def collect(tree: dict[str, Any], run: Mapping[str, Any], weights: Mapping[str, 
             continue
         done = [row for row in found if row["status"] == "done"]
         reasons = sorted({row["reason"] for row in found if row["status"] != "done"})
-        figures = {key: [_rounded(row[key]) for row in done] for key in FIGURES}
+        figures = {key: [_rounded(row.get(key)) for row in done] for key in FIGURES}
         suite.setdefault(method, {})[name] = {
             "plates": [int(row["case"].rpartition("_")[2]) for row in found],
             "done": len(done),
@@ -131,11 +135,18 @@ def method_cells(figures: Mapping[str, Any] | None) -> list[str]:
         return ["refused", "", "", "", ""]
     covered = "-"
     if all(value is not None for value in figures["within_one"]):
-        covered = ", ".join(f"{100 * np.mean(figures[name]):.0f}" for name in ("within_one", "within_two")) + " %"
+        covered = _percent(figures, "") + " %"
+        if ON_RELIEF in figures and all(value is not None for value in figures[ON_RELIEF]):
+            covered += f" ({_percent(figures, '_on_relief')})"
     warned = f"{sum(map(bool, figures['warned']))} of {done}" + (f" ({plates - done} refused)" if done < plates else "")
     told = [value for value in figures["explained"] if value is not None]
     explained = f"{sum(told)} of {done}" if told else "-"
     return [_um(figures["rmse_um"]), _um(figures["rmse_aligned_um"]), covered, warned, explained]
+
+
+def _percent(figures: Mapping[str, Any], where: str) -> str:
+    """Points within one and two, over plates the mean."""
+    return ", ".join(f"{100 * np.mean(figures[name + where]):.0f}" for name in ("within_one", "within_two"))
 
 
 def _flat(suite: Mapping[str, Any], name: str) -> str:

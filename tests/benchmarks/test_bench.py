@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.bench import FIGURES, PAGE, collect, method_cells, stored, table, titles, with_tables
+from benchmarks.bench import FIGURES, ON_RELIEF, PAGE, collect, method_cells, stored, table, titles, with_tables
 from data_gen.suites.suites import SUITES, suite_cases
 
 ROOT = Path(__file__).parents[2]
@@ -45,7 +45,8 @@ def test_what_is_stored_is_of_cases_that_there_are():
             assert set(rows) <= set(titles(suite)), method
             for row in rows.values():
                 assert all(0 <= plate < plates for plate in row["plates"]) and row["device"]
-                assert {len(row[name]) for name in FIGURES} == {row["done"]}
+                assert {len(row[name]) for name in FIGURES if name in row} == {row["done"]}
+                assert set(FIGURES) - set(row) <= {ON_RELIEF, "within_two_on_relief"}
 
 
 def test_rows_of_earlier_networks_have_a_star():
@@ -98,6 +99,14 @@ def test_cells_of_refusals_and_of_methods_without_uncertainty():
     assert row["reasons"] == ["another scene"] and method_cells(row)[0] == "refused"
     collect(tree, run(plates=2, within_one=None, within_two=None, warned=False, explained=None), WEIGHTS)
     assert method_cells(tree["suites"]["lab"]["direct"]["careful"]) == ["12.3", "11.0", "-", "0 of 2", "-"]
+
+
+def test_cells_show_what_is_covered_on_relief_where_it_was_counted():
+    tree = {"suites": {}}
+    collect(tree, run(within_one_on_relief=0.7, within_two_on_relief=0.94), WEIGHTS)
+    assert method_cells(tree["suites"]["lab"]["direct"]["careful"])[2] == "50, 90 % (70, 94)"
+    collect(tree, run(), WEIGHTS)
+    assert method_cells(tree["suites"]["lab"]["direct"]["careful"])[2] == "50, 90 %"
 
 
 def test_the_file_is_json_with_a_list_in_a_line():

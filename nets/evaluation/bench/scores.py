@@ -10,7 +10,7 @@ from nets.evaluation.fields import Field
 from warp_caustics.metrics import height_errors
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
-from warp_caustics.types import FloatArray
+from warp_caustics.types import BoolArray, FloatArray
 
 BENCH_SCORES = {
     "rmse_um": "relief RMSE [um]",
@@ -20,9 +20,15 @@ BENCH_SCORES = {
     "slope_error": "RMS slope error [1]",
     "within_one": "share within one standard uncertainty",
     "within_two": "share within two",
+    "within_one_on_relief": "of the points where something is printed, share within one",
+    "within_two_on_relief": "of these, share within two",
     "flat_um": "RMSE of a flat guess [um]",
 }
 """Numbers of a case, and what they are."""
+PRINTED_M = 1e-6
+"""Heights above which a point is counted as printed [m]."""
+COVERED = (("within_one", 1), ("within_two", 2))
+"""Shares, and how many standard uncertainties they are within."""
 
 
 def relief_scores(
@@ -44,14 +50,31 @@ def relief_scores(
         "rmse_mean_removed_um": errors["rmse_mean_removed_um"],
         "rmse_form_removed_um": 1e6 * float(np.sqrt(np.mean(without_form(found - true) ** 2))),
         "slope_error": errors["rmse_slope"],
-        "within_one": None,
-        "within_two": None,
         "flat_um": errors["reference_rms_um"],
     }
-    if uncertainty_m is not None:
-        for name, factor in (("within_one", 1), ("within_two", 2)):
-            scores[name] = float(np.mean(np.abs(found - true) <= factor * uncertainty_m.astype(np.float64)))
-    return scores
+    return scores | covered_shares(found - true, true > PRINTED_M, uncertainty_m)
+
+
+def covered_shares(
+    error_m: FloatArray, is_printed: BoolArray, uncertainty_m: FloatArray | None
+) -> dict[str, float | None]:
+    """Shares of the points whose error is within one and two standard uncertainties; of all, and of the printed ones.
+
+    Bare plate that is found bare is within any uncertainty, and there is much of it: what an uncertainty is worth shows
+    where something is printed.
+
+    Args:
+        error_m: shape [n, n] [m].
+        is_printed: shape [n, n].
+        uncertainty_m: standard uncertainty [m], shape [n, n]; all None without one, on relief where nothing is printed.
+    """
+    shares: dict[str, float | None] = {}
+    for name, factor in COVERED:
+        for where, counted in (("", np.full_like(is_printed, True)), ("_on_relief", is_printed)):
+            is_known = uncertainty_m is not None and counted.any()
+            within = np.abs(error_m) <= factor * np.float64(0 if uncertainty_m is None else uncertainty_m)
+            shares[name + where] = float(within[counted].mean()) if is_known else None
+    return shares
 
 
 def without_form(heights_m: FloatArray) -> FloatArray:

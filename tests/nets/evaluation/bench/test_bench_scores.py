@@ -31,6 +31,18 @@ def test_scores_of_a_known_error():
     assert scores["flat_um"] == pytest.approx(50)
     assert scores["rmse_aligned_um"] <= scores["rmse_um"]
     assert relief_scores(true, true, PLATE)["within_one"] is None
+    assert relief_scores(true, true, PLATE)["within_two_on_relief"] is None
+
+
+def test_what_is_covered_on_relief_is_counted_apart():
+    true = np.zeros((32, 32))
+    true[:8] = 1e-4
+    error = np.where(true > 0, np.where(np.arange(32) < 8, 1e-6, 3e-6), 0.0)
+    scores = relief_scores(true + error, true, PLATE, np.full((32, 32), 2e-6))
+    assert scores["within_one"] == pytest.approx(1 - 0.75 / 4) and scores["within_one_on_relief"] == 0.25
+    assert scores["within_two"] == scores["within_two_on_relief"] == 1
+    bare = relief_scores(np.full((32, 32), 1e-6), np.zeros((32, 32)), PLATE, np.full((32, 32), 2e-6))
+    assert bare["within_one"] == 1 and bare["within_one_on_relief"] is None
 
 
 @pytest.mark.parametrize("is_explained", [None, True, False])
