@@ -1,4 +1,4 @@
-"""What other pixels, samples, plates and wavelengths than the network's own cost ``direct``.
+"""What other pixels, samples, plates and wavelengths than the network's own cost ``direct``, or another method.
 
 Own plates of Tab. 3 (a seed of their own, role "data": nothing was trained on them), each as a print of 128 samples
 under 9 photons per pixel on a lattice, and 1 % of white noise in every pixel of the user's. Truth on another grid is
@@ -6,10 +6,11 @@ the mean over its cells. "scaled" plates are Tab. 3 with all lengths multiplied;
 on a plate and base of another size.
 
     python -m benchmarks.any_image [--device cuda] [--plates 6] [--cases default,1024px,...] [--weights FILE]
-                                   [--force] [--json FILE]
+                                   [--force] [--json FILE] [--method direct]
 
-Columns: mean / median relief RMSE in um of eight symmetries and of `direct`, that of a flat guess, the share of points
-within one standard uncertainty, seconds of `direct`. `--force` uses a network where it would refuse.
+Columns: mean / median relief RMSE in um of eight symmetries and of the method, that of a flat guess, share of points
+within one standard uncertainty, seconds of the method. `--force` uses a network where it would refuse; methods other
+than `direct` have no column of symmetries.
 """
 
 import argparse
@@ -102,14 +103,25 @@ class Watched:
         return self.refinement(resimulation, heights, *others)
 
 
-def measured(case: str, number: int, device: str, options: Mapping[str, Any]) -> dict[str, float]:
+def measured(
+    case: str, number: int, device: str, options: Mapping[str, Any], name: str = "direct"
+) -> dict[str, float | None]:
     """Figures of a plate in a case.
+
+    Args:
+        case: of :data:`CASES`.
+        number: of the plate.
+        device: where to compute.
+        options: of the method.
+        name: of the method.
 
     Raises:
         MismatchError: the network does not serve it.
     """
-    method = create("direct", user_scene(case), device=device, **options)
-    watched = method.refinement = Watched(method.refinement)  # type: ignore[attr-defined]
+    method = create(name, user_scene(case), device=device, **options)
+    watched = None
+    if name == "direct":
+        watched = method.refinement = Watched(method.refinement)  # type: ignore[attr-defined]
     image, truth = plate(case, number, device)
     started = time.perf_counter()
     result = method.reconstruct(image)
@@ -117,11 +129,16 @@ def measured(case: str, number: int, device: str, options: Mapping[str, Any]) ->
     uncertainty = np.zeros_like(truth) if result.uncertainty_m is None else result.uncertainty_m
     return {
         "flat": _rmse_um(truth, 0.0),
-        "symmetries": _rmse_um(regridded(torch.as_tensor(watched.start), len(truth)).numpy(), truth),
-        "direct": _rmse_um(result.heights_m, truth),
+        "symmetries": _of_start(watched, truth),
+        name: _rmse_um(result.heights_m, truth),
         "within": float((np.abs(result.heights_m - truth) <= uncertainty).mean()),
         "seconds": seconds,
     }
+
+
+def _of_start(watched: Watched | None, truth: FloatArray) -> float | None:
+    """Of the mean of the symmetries; None where it was not watched."""
+    return None if watched is None else _rmse_um(regridded(torch.as_tensor(watched.start), len(truth)).numpy(), truth)
 
 
 def _rmse_um(heights: Any, truth: Any) -> float:
@@ -136,6 +153,7 @@ def main() -> None:
     parser.add_argument("--weights", help="of the network, in place of the shipped ones")
     parser.add_argument("--force", action="store_true", help="use a network where it would refuse")
     parser.add_argument("--json", type=Path, help="file of figures, read and continued")
+    parser.add_argument("--method", default="direct", help="direct, auto or fibres")
     arguments = parser.parse_args()
     if arguments.force:
         setattr(nets.fitting_network, "check_scene", lambda *_: ())  # noqa: B010
@@ -145,20 +163,24 @@ def main() -> None:
         rows = known.setdefault(case, [])
         try:
             for number in range(len(rows), arguments.plates):
-                rows.append(measured(case, number, arguments.device, options))
+                rows.append(measured(case, number, arguments.device, options, arguments.method))
                 if arguments.json:
                     arguments.json.write_text(json.dumps(known, indent=1) + "\n")
         except MismatchError as refusal:
             print(f"{case} | refused: {refusal}")
         else:
-            print(line(case, rows[: arguments.plates]), flush=True)
+            print(line(case, rows[: arguments.plates], arguments.method), flush=True)
 
 
-def line(case: str, rows: Sequence[Mapping[str, float]]) -> str:
+def line(case: str, rows: Sequence[Mapping[str, float | None]], name: str = "direct") -> str:
     """A row of the table."""
-    found = {name: [row[name] for row in rows] for name in rows[0]}
-    errors = [f"{np.mean(found[name]):.1f} / {np.median(found[name]):.1f}" for name in ("symmetries", "direct", "flat")]
-    return f"{case} | {' | '.join(errors)} | {np.mean(found['within']):.0%} | {np.mean(found['seconds']):.1f}"
+    found = {key: [row[key] for row in rows if row[key] is not None] for key in rows[0]}
+    errors = [
+        f"{np.mean(found[key]):.1f} / {np.median(found[key]):.1f}" if found[key] else "-"  # type: ignore[arg-type]
+        for key in ("symmetries", name, "flat")
+    ]
+    shares = f"{np.mean(found['within']):.0%} | {np.mean(found['seconds']):.1f}"  # type: ignore[arg-type]
+    return f"{case} | {' | '.join(errors)} | {shares}"
 
 
 if __name__ == "__main__":

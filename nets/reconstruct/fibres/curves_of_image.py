@@ -29,7 +29,7 @@ from warp_caustics.prints.vectorise import unexplained
 from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, curved_unexplained, refitted_curves
 from warp_caustics.prints.vectorise.curved_ends import meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
-from warp_caustics.prints.vectorise.rings import as_rings
+from warp_caustics.prints.vectorise.rings import with_rings
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.pyramid import usual_pixels
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
@@ -42,6 +42,8 @@ LOOKS = 2
 """How often a network is shown what lines leave."""
 LOOK_FACTOR = 0.98
 """By which the misfit must fall for the lines after a look, or as rings, to be taken."""
+RING_ROUNDS = 3
+"""In which pieces of rings become rings, at most: what was found in place of one shows when the others are."""
 IN_VAIN = 3.0
 """Times the misfit of the relief that lines were found in, from which on they are given up at few pixels."""
 BETTER = 0.9
@@ -138,12 +140,15 @@ class CurvesOfImage:
         if loss > IN_VAIN * before:
             return None
         for _ in range(LOOKS):
-            if self._is_explained(lines):
+            if self._is_settled(lines):
                 break
             again = self._seen_again(lines)
-            if again is None or again[1] > LOOK_FACTOR * loss:
+            if again is None:
                 break
-            lines, loss = self._round(*again)
+            again = self._round(*again)
+            if again[1] > LOOK_FACTOR * loss:
+                break
+            lines, loss = again
         fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.camera)
         fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
@@ -206,14 +211,21 @@ class CurvesOfImage:
 
     def _round(self, lines: CurvedLines, loss: float) -> tuple[CurvedLines, float]:
         """Lines with rings in place of those that are nearly ones, where the image says so, and their misfit."""
-        rings = None if self._is_explained(lines) else as_rings(lines)
-        if rings is None:
-            return lines, loss
-        found = self._fitted(rings)
-        return found if found[1] < LOOK_FACTOR * loss else (lines, loss)
+        for _ in range(RING_ROUNDS):
+            if self._is_settled(lines):
+                break
+            tried = [self._fitted(rings) for rings in with_rings(lines, self.view.scene.plate_size_m)]
+            best = min(tried, key=lambda each: each[1], default=(lines, loss))
+            if best[1] > LOOK_FACTOR * loss:
+                break
+            lines, loss = best
+        return lines, loss
 
     def _relief(self, lines: CurvedLines) -> FloatArray:
         return self.view.glass(curved_heights(self.chains, lines))
+
+    def _is_settled(self, lines: CurvedLines) -> bool:
+        return self.view.is_relief_settled(self._relief(lines))
 
     def _is_explained(self, lines: CurvedLines) -> bool:
         return self.view.is_relief_explained(self._relief(lines))

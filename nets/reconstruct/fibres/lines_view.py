@@ -79,13 +79,20 @@ class LinesView:
 
     def is_wrong_in_places(self, lines: torch.Tensor) -> bool:
         """Whether lines leave clearly more than noise of the image somewhere, even if nothing but noise in the mean."""
-        if self.discrepancy.whole.noise is None:
-            return False
-        return float(self.discrepancy.places(self.relief(lines)).max()) > WRONG_SHARE
+        return self._is_relief_wrong_in_places(self.relief(lines))
 
     def is_settled(self, lines: torch.Tensor) -> bool:
         """Whether lines leave nothing but noise, in the mean and everywhere."""
-        return self.is_explained(lines) and not self.is_wrong_in_places(lines)
+        return self.is_relief_settled(self.relief(lines))
+
+    def is_relief_settled(self, heights_m: FloatArray) -> bool:
+        """The same of a relief [m], shape [n, n]."""
+        return self.is_relief_explained(heights_m) and not self._is_relief_wrong_in_places(heights_m)
+
+    def _is_relief_wrong_in_places(self, heights_m: FloatArray) -> bool:
+        if self.discrepancy.whole.noise is None:
+            return False
+        return float(self.discrepancy.places(heights_m).max()) > WRONG_SHARE
 
     def is_near(self, lines: torch.Tensor) -> bool:
         """Whether lines are near enough to the plate's that a descent on all pixels may leave nothing but noise."""
