@@ -220,7 +220,7 @@ def chain_heights_adjoint(
     half = 0.5 * section.edge * sizes[k, 0]
     reach = half + 0.5 * diagonal
     side = 0.5 * diagonal / wp.float32(supersampling)
-    is_steep = steep_edge(section.exponent, section.parabola)
+    is_steep = steep_edge(section.exponent, section.parabola, section.edge)
     beyond = wp.float32(0.0)
     if is_steep:
         # Sections that are steep at their edge have a slope a little beyond it.

@@ -220,6 +220,10 @@ def across(
     section = wp.vec2(0.0, 0.0)
     if inside:
         section = line_section(exponent, parabola, t)
+        if edge < 1.0:
+            # What is cut off: nothing that shows where a section has only faded.
+            cut = line_section(exponent, parabola, edge)[0]
+            section = wp.vec2(section[0] - cut, section[1]) / (1.0 - cut)
     slope = section[1]
     if is_steep:
         slope = mean_slope(exponent, parabola, t, 2.0 * step / width)
@@ -228,6 +232,6 @@ def across(
 
 @no_type_check
 @wp.func
-def steep_edge(exponent: wp.float32, parabola: wp.float32):
+def steep_edge(exponent: wp.float32, parabola: wp.float32, edge: wp.float32):
     """Whether the slope of a section has no bound where it ends."""
-    return exponent < 1.0 and (parabola > 0.0 or exponent < 0.5)
+    return edge == 1.0 and exponent < 1.0 and (parabola > 0.0 or exponent < 0.5)

@@ -54,7 +54,7 @@ def line_point(
     height = lines[k, 5]
     found = LineCell()
     # How far beyond the edge the point may lie to stand for a part of the line.
-    is_steep = steep_edge(exponent, parabola)
+    is_steep = steep_edge(exponent, parabola, edge)
     beyond = wp.float32(0.0)
     if is_steep:
         beyond = 0.5 * side

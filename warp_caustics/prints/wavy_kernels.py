@@ -94,7 +94,7 @@ def wavy_point(
         thickness * lines[k, 4],
         thickness * lines[k, 5],
         side,
-        steep_edge(section.exponent, section.parabola),
+        steep_edge(section.exponent, section.parabola, section.edge),
     )
     return found
 

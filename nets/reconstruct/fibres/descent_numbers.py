@@ -17,10 +17,10 @@ import torch
 from warp_caustics.prints.model import COSINE_HALF, WIDTH, LineModel, Shape, half_height
 from warp_caustics.types import FloatArray
 
-STEPS = (0.00125, 0.02, 0.02, 0.01, 2e-5)
+STEPS = (0.00125, 0.02, 0.02, 0.01, 2e-5, 1e-3)
 """Of differences by the shape's numbers: at a power of 1 that is 1 % of it, which errs by 1e-4 of the difference,
 float32 by as much."""
-SECTION, OVERLAP, ENDS = (0, 1), (2,), (3, 4)
+SECTION, OVERLAP, ENDS, CUT = (0, 1), (2,), (3, 4), (5,)
 """Places of numbers in a shape."""
 
 
@@ -36,8 +36,9 @@ def exponent_of(share: float) -> float:
 
 
 def moving(shape: Shape) -> tuple[int, ...]:
-    """Places of the numbers that a descent moves from a shape: the section's but of caps, and ends that are thicker."""
-    return (() if shape.is_cap else SECTION) + OVERLAP + (ENDS if shape.thicker > 0 else ())
+    """Places of the numbers that a descent moves from a shape: the section's but of caps, thicker ends and a cut."""
+    own = () if shape.is_cap else SECTION
+    return own + OVERLAP + (ENDS if shape.thicker > 0 else ()) + (CUT if shape.cut > 0 else ())
 
 
 def numbers_of(shape: Shape) -> tuple[float, ...]:
@@ -47,8 +48,8 @@ def numbers_of(shape: Shape) -> tuple[float, ...]:
 
 def shape_of(numbers: Sequence[float]) -> Shape:
     """The shape of a descent's numbers, within what prints have."""
-    share, parabola, overlap, thicker, end_m, is_cap = numbers
-    return Shape(exponent_of(share), parabola, overlap, thicker, end_m, bool(is_cap)).clipped()
+    share, parabola, overlap, thicker, end_m, cut, is_cap = numbers
+    return Shape(exponent_of(share), parabola, overlap, thicker, end_m, cut, bool(is_cap)).clipped()
 
 
 def reshaped_widths(shape: Shape, new: Shape) -> float:

@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.image_moves import jump
 from nets.reconstruct.fibres.image_rebuild import rebuilt
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
-from nets.reconstruct.fibres.section import with_caps, with_section_found
+from nets.reconstruct.fibres.section import with_caps, with_cut_bells, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -167,6 +167,7 @@ class LineSearch:
             start = found.lines
             if self.moves_section:
                 start = with_caps(self.fine, start, self.iterations // 2)
+                start = with_cut_bells(self.fine, start, self.iterations // 2)
             self.lines = start if self.answer is None else pruned(self.fine, start).lines
         else:
             self.fine.correct_at(self.fine.model.heights(start))

@@ -19,7 +19,7 @@ CORNER = 1e-3 * np.array([[-5.0, 15.0], [4.0, 15.0], [4.0, 2.0]])
 DROP = 1e-3 * np.array([[15.0, -12.0]])
 WAYS = (CURVE, MEANDER, RING, CORNER, DROP)
 SIZES = 1e-3 * np.array([[2.0, 0.5], [1.1, 0.3], [2.6, 0.8], [1.5, 0.4], [3.0, 0.6]])
-SHAPES = (Shape(), Shape(1.2, 0.3, 0.5), Shape(is_cap=True), Shape(overlap=0.0))
+SHAPES = (Shape(), Shape(1.2, 0.3, 0.5), Shape(is_cap=True), Shape(overlap=0.0), Shape(5.0, cut=0.08))
 
 
 def filled(ways=WAYS):

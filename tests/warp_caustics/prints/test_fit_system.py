@@ -31,6 +31,7 @@ SHAPES = (
     Shape(1.6, overlap=0.0),
     Shape(0.7, 1.0, thicker=0.3, end_m=2e-3),
     Shape(is_cap=True, overlap=0.2),
+    Shape(5.0, 0.2, cut=0.08),
 )
 
 

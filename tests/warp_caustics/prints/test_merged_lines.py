@@ -49,7 +49,9 @@ def test_what_is_printed_of_the_means_is_another_relief():
     assert missing.min() > -1e-8 and missing.max() > 2e-5
 
 
-@pytest.mark.parametrize("shape", [Shape(), Shape(1.6, 0.5), Shape(1.0, 0.3, 1.0, 0.3, 1e-3), Shape(is_cap=True)])
+@pytest.mark.parametrize(
+    "shape", [Shape(), Shape(1.6, 0.5), Shape(1.0, 0.3, 1.0, 0.3, 1e-3), Shape(5.0, cut=0.08), Shape(is_cap=True)]
+)
 @pytest.mark.parametrize("overlap", OVERLAPS)
 def test_derivatives_are_those_by_differences(overlap, shape):
     model, step = model_of(overlap, shape), 1e-6

@@ -137,7 +137,10 @@ def test_the_widest_line_is_told_by_its_width_at_half_its_height():
         assert float(model.clamped(wild)[0, 4]) == pytest.approx(4.5e-3)
 
 
-@pytest.mark.parametrize("shape", [Shape(1.0, 0.5), Shape(2.0), Shape(16.0, 1.0), Shape(64.0, 0.3)])
+@pytest.mark.parametrize(
+    "shape",
+    [Shape(1.0, 0.5), Shape(2.0), Shape(16.0, 1.0), Shape(64.0, 0.3), Shape(6.0, cut=0.06), Shape(0.8, 0.3, cut=0.2)],
+)
 def test_a_section_ends_where_it_has_faded(shape):
     edge = section_edge(shape)
     beyond = np.linspace(edge, 1, 50)

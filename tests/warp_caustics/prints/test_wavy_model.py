@@ -15,7 +15,7 @@ from warp_caustics.scene import Scene
 SCENE = Scene(height_samples=64, image_pixels=64, plate_size_m=(0.05, 0.04))
 LINES = 1e-3 * torch.tensor([[-10.0, 3.0, 12.0, -7.0, 2.9, 0.8], [1.0, 2.0, 5.0, 5.0, 1.3, 1.0]], dtype=torch.float64)
 COUNTS = knot_counts(LINES)
-SHAPES = (Shape(), Shape(1.2, 0.3, 0.5, 0.3, 2e-3), Shape(is_cap=True), Shape(overlap=0.0))
+SHAPES = (Shape(), Shape(1.2, 0.3, 0.5, 0.3, 2e-3), Shape(is_cap=True), Shape(overlap=0.0), Shape(5.0, cut=0.08))
 
 
 def model_of(shape, device="cpu"):
