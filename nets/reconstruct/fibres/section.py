@@ -40,8 +40,8 @@ STEEP_BELL = 4.0
 BELLS = Shape(6.0, cut=0.06), Shape(60.0, cut=0.003)
 """Gaussians whose edge is one width, and one and a half, from the middle; one of these is where a descent begins."""
 CUT_FACTOR = 0.997
-"""A cut section must lower the misfit by this factor: it has a number more. Feet of 0.2 % of the crown lower that of two
-lines by 1 %, and their error from 0.8 to 0.2 um."""
+"""A cut section must lower the misfit by this factor: it has a number more. Feet of 0.2 % of the crown lower that of
+two lines by 1 %, and their error from 0.8 to 0.2 um."""
 OTHER_FACTOR = 0.96
 """Another section or overlap must lower the misfit by this factor: lines that are wrong explain a little more of
 anything with a section of their own."""
