@@ -78,12 +78,7 @@ def result_of(run: Run) -> Reconstruction:
             posterior = height_deviation(run.model, run.lines, run.covariance)
         flat = method.options.flatness_beside
         places = view.discrepancy.places(heights) if is_noise_left else None
-        of = calibration_of(
-            run.model.shape,
-            has_waves=run.waves is not None,
-            has_curves=run.curves is not None,
-            has_spread=view.camera.spread is not None,
-        )
+        of = calibration_of(run.model.shape, has_waves=run.waves is not None, has_curves=run.curves is not None)
         uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
     # Lines that leave nothing but noise were found without the lattice's own error, and are shown without it.
     shown = view.resimulation.finer() if run.takes_lines and is_noise_left else view.resimulation

