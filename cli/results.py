@@ -179,11 +179,13 @@ def rest_lines(record: Mapping[str, Any]) -> list[str]:
 
 
 def made_words(record: Mapping[str, Any]) -> str:
-    """How lines are made beside their section: caps, thicker ends, waves; each with a comma before it."""
+    """How lines are made beside their section: caps, cut bells, thicker ends, waves; each with a comma before it."""
     counters = record.get("counters") or {}
     section, waves, words = counters.get("section") or {}, counters.get("waves"), []
     if section.get("is_cap"):
         words.append("circular caps")
+    if section.get("cut", 0.0) > 0:
+        words.append(f"cut off at {100 * section['cut']:.2g} % of their crown")
     if section.get("thicker", 0.0) > 0:
         words.append(f"{100 * section['thicker']:.2g} % thicker at their ends")
     if waves:

@@ -36,6 +36,7 @@ def test_nothing_is_said_of_a_perfect_camera():
     [
         ({}, ""),
         ({"section": {"exponent": 0.5, "thicker": 0.0, "is_cap": False}}, ""),
+        ({"section": {"cut": 0.0603}}, ", cut off at 6 % of their crown"),
         ({"section": {"thicker": 0.2989, "is_cap": True}}, ", circular caps, 30 % thicker at their ends"),
         (
             {"waves": {"thickness": 0.0197, "aside_m": 2.49e-5}},

@@ -48,11 +48,11 @@ PLAIN_LINES = DesignCalibration(scale_m=0.08e-6, power=0.5, floor_m=0.03e-6)
 plates, 0.05 to 2.1 um off, 70 % of the points with relief lie within 0.015 to 0.09 um (spread / 1 um)^0.5, 95 % within
 twice 0.02 to 0.11 um of it (docs/trust.md)."""
 MERGED_LINES = DesignCalibration(scale_m=0.12e-6, power=0.5, floor_m=0.03e-6)
-"""The same of lines that do not add up where they cross: 0.06 to 0.09 and 0.06 to 0.12 um on five own plates."""
+"""The same of lines that do not add up where they cross: 0.04 to 0.09 and 0.06 to 0.12 um on five own plates."""
 CURVED_LINES = DesignCalibration(scale_m=0.2e-6, power=0.5, floor_m=0.05e-6)
 """Of lines with corners and curves: 0.04 to 0.36 and 0.05 to 0.28 um on fourteen."""
 SHAPED_LINES = DesignCalibration(scale_m=0.4e-6, power=0.5, floor_m=0.1e-6)
-"""Of lines with thicker ends, 0.05 to 0.56 and 0.13 to 0.69 um on thirteen, or with tails."""
+"""Of lines with thicker ends, 0.05 to 0.56 and 0.13 to 0.69 um on fourteen, or with tails."""
 WAVY_LINES = DesignCalibration(scale_m=0.6e-6, power=0.5, floor_m=0.1e-6)
 """And with waves along them: 0.37 to 0.55 and 0.47 to 0.85 um on three."""
 TAILS = 4.0
