@@ -1,17 +1,22 @@
 """The lines with corners and curves that a relief was printed with."""
 
+import numpy as np
 import torch
 
 from warp_caustics.prints.fit import loss_of
 from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.smooth_chains import track_through
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.prints.vectorise.curved_set import CurvedSet
 from warp_caustics.prints.vectorise.lines import FLOORS_M as FLOORS_OF_LINES_M
+from warp_caustics.prints.vectorise.lines import lines_of_relief
 
 BEGINNINGS_M = (3e-4, 1e-4), (1e-4,)
-"""Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin: with the first, lines
-that lie on top of each other are told apart; with the second, thin ones are not lost beside high ones. What leaves less
-is taken."""
+"""Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin with ridges: with the
+first, lines that lie on top of each other are told apart; with the second, thin ones are not lost beside high ones. A
+third way begins with straight lines. What leaves least is taken."""
+STRAIGHT_NODE_M = 4e-4
+"""Distance of the points that a straight line is followed by [m]."""
 FLOORS_M = (3e-5,)
 """And after that."""
 LAST_FLOOR_M = 8e-6
@@ -34,6 +39,9 @@ def curved_lines_of_relief(
 ) -> CurvedLines:
     """Few lines that explain a relief but for places where it is uncertain.
 
+    Ridges of lines that cross at a small angle, such as rows of two meanders, lead from one to the other. Straight
+    lines go on there: what consists of them is told by these, whose ends are joined.
+
     Args:
         model: of straight lines, with the section and overlap of these.
         relief_m: heights [m], shape [n, n].
@@ -41,17 +49,39 @@ def curved_lines_of_relief(
         most: number of lines at most.
         start: lines that are nearly right.
     """
-    tried = []
-    for floors in BEGINNINGS_M if start is None else ((),):
+    nothing, tried = CurvedLines([], np.zeros((0, 2))), []
+    ways: list[tuple[tuple[float, ...], CurvedLines]] = [(floors, nothing) for floors in BEGINNINGS_M]
+    if start is None:
+        ways.append(((), straight_lines(model, relief_m, spread_m, most)))
+    else:
+        ways = [((), start)]
+    for floors, first in ways:
         found = CurvedSet(model, relief_m, spread_m)
-        if start is not None:
-            found.begin(start)
+        found.begin(first)
         for floor in (*floors, *FLOORS_M):
             _stage(found, floor, most)
         found.focus(LAST_FLOOR_M)
         found.refit(LAST_ITERATIONS)
         tried.append((found.worth, found.lines))
     return min(tried, key=lambda each: each[0])[1]
+
+
+def straight_lines(model: LineModel, relief_m: torch.Tensor, spread_m: torch.Tensor, most: int) -> CurvedLines:
+    """Straight lines that explain a relief, with nodes of their own.
+
+    Args:
+        model: of straight lines, with their section and overlap.
+        relief_m: heights [m], shape [n, n].
+        spread_m: how far they may be wrong [m], shape [n, n].
+        most: number of lines at most.
+    """
+    rows = lines_of_relief(model, relief_m, spread_m, most=most).numpy()
+    lengths = np.hypot(*(rows[:, 2:4] - rows[:, :2]).T)
+    ways = [
+        track_through(np.linspace(row[:2], row[2:4], max(2, int(length / STRAIGHT_NODE_M))))
+        for row, length in zip(rows, lengths, strict=True)
+    ]
+    return CurvedLines(ways, rows[:, 4:].copy())
 
 
 def refitted_curves(
