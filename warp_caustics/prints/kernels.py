@@ -221,9 +221,10 @@ def across(
     if inside:
         section = line_section(exponent, parabola, t)
         if edge < 1.0:
-            # What is cut off: nothing that shows where a section has only faded.
+            # What is cut off: nothing that shows where a section has only faded. Never below the plate: on a GPU powers
+            # fall by steps, and a height of -1e-12 m has no power.
             cut = line_section(exponent, parabola, edge)[0]
-            section = wp.vec2(section[0] - cut, section[1]) / (1.0 - cut)
+            section = wp.vec2(wp.max(section[0] - cut, 0.0), section[1]) / (1.0 - cut)
     slope = section[1]
     if is_steep:
         slope = mean_slope(exponent, parabola, t, 2.0 * step / width)

@@ -107,3 +107,14 @@ def test_bells_that_are_not_cut_stay(shape):
     fit = ImageFit(SCENE, CausticImage((shown + noise).astype(np.float32), np.full(2, NOISE)), model, 4 * N)
     with_cut_bells(fit, lines, 20)
     assert model.shape.cut == 0
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+@pytest.mark.parametrize("exponent", [1.3, 6.0, 53.7, 267.0, 600.0])
+def test_no_point_is_below_the_plate(exponent, device):
+    """A power of less than nothing is none: where lines merge, one such point would leave no relief."""
+    model = LineModel(SCENE, device=device, supersampling=16)
+    for cut in np.geomspace(1e-5, 0.4, 25).tolist():
+        model.shape = Shape(exponent, 0.03, overlap=0.9993, cut=cut)
+        points = model.points(reshaped(LINES, Shape(), model.shape))
+        assert bool(torch.isfinite(points).all()) and float(points.min()) >= 0
