@@ -4,7 +4,7 @@ Ridges of the relief that ``direct`` found are followed, through crossings, and 
 to the image. What they leave is shown to the network, which sees more in the rest, and they are found anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -26,7 +26,12 @@ from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.smooth_chains import Track
 from warp_caustics.prints.vectorise import unexplained
-from warp_caustics.prints.vectorise.curved import curved_lines_of_relief, curved_unexplained, refitted_curves
+from warp_caustics.prints.vectorise.curved import (
+    curved_lines_of_relief,
+    curved_unexplained,
+    refitted_curves,
+    straight_lines,
+)
 from warp_caustics.prints.vectorise.curved_ends import meetings
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.prints.vectorise.rings import with_rings
@@ -41,7 +46,7 @@ FEW_ITERATIONS, ALL_ITERATIONS = 60, 25
 LOOKS = 2
 """How often a network is shown what lines leave."""
 LOOK_FACTOR = 0.98
-"""By which the misfit must fall for the lines after a look, or as rings, to be taken."""
+"""By which the misfit must fall for lines after a look, as rings, or begun with straight ones, to be taken."""
 RING_ROUNDS = 3
 """In which pieces of rings become rings, at most: what was found in place of one shows when the others are."""
 IN_VAIN = 3.0
@@ -130,15 +135,11 @@ class CurvesOfImage:
         spread = torch.zeros_like(relief)
         if found.uncertainty_m is not None:
             spread = self._on_grid(found.uncertainty_m) / DIRECT_CALIBRATION.scale
-        lines = curved_lines_of_relief(self.model, relief, spread, most=self.most)
-        if not len(lines):
-            return None
-        if self.finds_section:
-            lines = self._with_section(lines, relief, spread)
         before = self.few.loss(relief.to(self.model.device))
-        lines, loss = self._round(*self._fitted(lines))
-        if loss > IN_VAIN * before:
+        begun = self._begun(relief, spread)
+        if begun is None or begun[1] > IN_VAIN * before:
             return None
+        lines, loss = begun
         for _ in range(LOOKS):
             if self._is_settled(lines):
                 break
@@ -157,6 +158,34 @@ class CurvesOfImage:
         if not self._is_better(self._relief(lines), relief.double().numpy(), told):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
+
+    def _starts(self, relief: torch.Tensor, spread: torch.Tensor) -> Iterator[CurvedLines | None]:
+        """Where lines may begin; None with ridges."""
+        yield None
+        yield straight_lines(self.model, relief, spread, self.most)
+
+    def _begun(self, relief: torch.Tensor, spread: torch.Tensor) -> tuple[CurvedLines, float] | None:
+        """Lines that tell a relief, begun with its ridges and with straight lines, after a descent, and their misfit.
+
+        The latter where they explain the image better; the model has their section. None where there are none.
+        """
+        given, best = self.model.shape, None
+        for start in self._starts(relief, spread):
+            self.model.shape, self.moves_section = given, False
+            lines = curved_lines_of_relief(self.model, relief, spread, most=self.most, start=start)
+            if not len(lines):
+                continue
+            if self.finds_section:
+                lines = self._with_section(lines, relief, spread)
+            found = self._round(*self._fitted(lines))
+            if best is None or found[1] < LOOK_FACTOR * best[0][1]:
+                best = found, self.model.shape, self.moves_section
+                if self._is_settled(found[0]):
+                    break
+        if best is None:
+            return None
+        found, self.model.shape, self.moves_section = best
+        return found
 
     def _with_spread(self, lines: CurvedLines) -> CurvedLines:
         """Lines with the point spread that they tell of the camera, where that leaves less of the image."""

@@ -12,9 +12,9 @@ from warp_caustics.prints.vectorise.lines import FLOORS_M as FLOORS_OF_LINES_M
 from warp_caustics.prints.vectorise.lines import lines_of_relief
 
 BEGINNINGS_M = (3e-4, 1e-4), (1e-4,)
-"""Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin with ridges: with the
-first, lines that lie on top of each other are told apart; with the second, thin ones are not lost beside high ones. A
-third way begins with straight lines. What leaves least is taken."""
+"""Expected size of residuals on bare plate in one stage after the other [m]. Two ways to begin: with the first, lines
+that lie on top of each other are told apart; with the second, thin ones are not lost beside high ones. What leaves less
+is taken."""
 STRAIGHT_NODE_M = 4e-4
 """Distance of the points that a straight line is followed by [m]."""
 FLOORS_M = (3e-5,)
@@ -39,9 +39,6 @@ def curved_lines_of_relief(
 ) -> CurvedLines:
     """Few lines that explain a relief but for places where it is uncertain.
 
-    Ridges of lines that cross at a small angle, such as rows of two meanders, lead from one to the other. Straight
-    lines go on there: what consists of them is told by these, whose ends are joined.
-
     Args:
         model: of straight lines, with the section and overlap of these.
         relief_m: heights [m], shape [n, n].
@@ -51,9 +48,7 @@ def curved_lines_of_relief(
     """
     nothing, tried = CurvedLines([], np.zeros((0, 2))), []
     ways: list[tuple[tuple[float, ...], CurvedLines]] = [(floors, nothing) for floors in BEGINNINGS_M]
-    if start is None:
-        ways.append(((), straight_lines(model, relief_m, spread_m, most)))
-    else:
+    if start is not None:
         ways = [((), start)]
     for floors, first in ways:
         found = CurvedSet(model, relief_m, spread_m)
@@ -66,8 +61,13 @@ def curved_lines_of_relief(
     return min(tried, key=lambda each: each[0])[1]
 
 
-def straight_lines(model: LineModel, relief_m: torch.Tensor, spread_m: torch.Tensor, most: int) -> CurvedLines:
-    """Straight lines that explain a relief, with nodes of their own.
+def straight_lines(
+    model: LineModel, relief_m: torch.Tensor, spread_m: torch.Tensor, most: int = MOST_LINES
+) -> CurvedLines:
+    """Straight lines that explain a relief, with nodes of their own: where lines with corners and curves may begin.
+
+    Ridges of lines that cross at a small angle, such as rows of two meanders, lead from one to the other. Straight
+    lines go on there, and what consists of them is told by these, whose ends are joined.
 
     Args:
         model: of straight lines, with their section and overlap.
