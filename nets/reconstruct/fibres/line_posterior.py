@@ -30,7 +30,7 @@ CORRELATED_PX = 100.0
 """Pixels that err together, where lines are not yet right: what is believed of a bench weighs as so many."""
 RIDGE = 1e-6
 """Of the scaled matrix, that keeps lines on top of each other apart."""
-SHAPE_WIDTHS = (0.25, 1.0, 1.0, 0.5, 1e-3)
+SHAPE_WIDTHS = (0.25, 1.0, 1.0, 0.5, 1e-3, 0.2)
 """Standard deviations of a shape's numbers before an image is seen, about half of what they may be: some images do not
 tell them at all, as lines that do not cross do not tell what happens where lines cross."""
 

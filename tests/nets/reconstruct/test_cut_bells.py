@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.descent_numbers import CUT, DescentNumbers, by_shape, moving, reshaped
+import nets.reconstruct.network_answers as answers_module
+from nets.reconstruct.fibres.descent_numbers import CUT, STEPS, DescentNumbers, by_shape, moving, reshaped
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.line_posterior import SHAPE_WIDTHS, joint_covariance, misfit_weight
 from nets.reconstruct.fibres.section import with_cut_bells
+from nets.reconstruct.methods import create
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.prints.line import section_height
 from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section, section_edge
@@ -107,6 +110,39 @@ def test_bells_that_are_not_cut_stay(shape):
     fit = ImageFit(SCENE, CausticImage((shown + noise).astype(np.float32), np.full(2, NOISE)), model, 4 * N)
     with_cut_bells(fit, lines, 20)
     assert model.shape.cut == 0
+
+
+def test_numbers_of_a_shape_have_steps_and_widths():
+    assert len(STEPS) == len(SHAPE_WIDTHS) == len(Shape()) - 1, "all but whether it is a cap"
+    model = LineModel(SCENE)
+    model.shape = Shape(6.0, 0.1, cut=0.05)
+    lines = model.clamped(reshaped(LINES, Shape(), model.shape))
+    image = CausticImage(light_of(SCENE, model.heights(lines)).numpy(), np.full(2, NOISE))
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    weight = misfit_weight(fit, 1e-3)
+    found = joint_covariance(fit, lines, None, weight, with_section=True)
+    assert CUT[0] in found.places and np.isfinite(found.matrix).all()
+    assert 0 < found.matrix[-1, -1] < SHAPE_WIDTHS[-1] ** 2
+
+
+def test_the_method_finds_cut_gaussians(monkeypatch, saved):
+    """With bench and uncertainty, from a network that is nearly right."""
+    heights = printed(1.0, 1.0)
+
+    def answers(images):
+        rough = 1.01 * heights + 2e-6 * torch.randn(N, N, generator=torch.Generator().manual_seed(4))
+        return rough.expand(len(images), N, N).clone()
+
+    monkeypatch.setattr(answers_module, "Replayed", lambda module: answers)
+    shown = light_of(SCENE, heights).numpy()
+    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + noise).astype(np.float32), np.full(2, NOISE))
+    method = create("fibres", SCENE, weights=saved("direct", scene=SCENE), symmetries=False, set_up="estimate")
+    found = method.reconstruct(image)
+    assert found.counters["explained_by"] == "fibres" and found.fibres_m.shape == (2, 6)
+    assert found.counters["section"]["cut"] == pytest.approx(0.0625, rel=0.3)
+    assert 1e6 * np.sqrt(np.mean((found.heights_m - heights.numpy()) ** 2)) < 0.5
+    assert np.isfinite(found.uncertainty_m).all()
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
