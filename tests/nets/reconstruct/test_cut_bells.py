@@ -126,7 +126,7 @@ def test_numbers_of_a_shape_have_steps_and_widths():
 
 
 def test_the_method_finds_cut_gaussians(monkeypatch, saved):
-    """With bench and uncertainty, from a network that is nearly right."""
+    """With the bench that lines tell, from a network that is nearly right."""
     heights = printed(1.0, 1.0)
 
     def answers(images):
@@ -142,7 +142,6 @@ def test_the_method_finds_cut_gaussians(monkeypatch, saved):
     assert found.counters["explained_by"] == "fibres" and found.fibres_m.shape == (2, 6)
     assert found.counters["section"]["cut"] == pytest.approx(0.0625, rel=0.3)
     assert 1e6 * np.sqrt(np.mean((found.heights_m - heights.numpy()) ** 2)) < 0.5
-    assert np.isfinite(found.uncertainty_m).all()
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
