@@ -83,7 +83,7 @@ class LinesView:
 
     def is_settled(self, lines: torch.Tensor) -> bool:
         """Whether lines leave nothing but noise, in the mean and everywhere."""
-        return self.is_relief_settled(self.relief(lines))
+        return self.is_explained(lines) and not self.is_wrong_in_places(lines)
 
     def is_relief_settled(self, heights_m: FloatArray) -> bool:
         """The same of a relief [m], shape [n, n]."""
