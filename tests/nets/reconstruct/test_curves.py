@@ -21,6 +21,7 @@ from warp_caustics.prints.curves import bezier_points, ring_points
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.prints.paths import paths_relief, uniform_path
 from warp_caustics.prints.smooth_chains import Track, track_through
+from warp_caustics.prints.vectorise.curved import straight_lines
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.result import Resimulation
@@ -231,3 +232,31 @@ def test_a_path_with_one_size_prints_as_a_uniform_one():
     (path,) = paths_of(CurvedLines([Track(CORNER, (1,))], np.array([[1e-3, 2e-4]])), Shape())
     expected = paths_relief([uniform_path(CORNER, 1e-3, 2e-4)], N, SCENE.plate_size_m)
     np.testing.assert_allclose(paths_relief([path], N, SCENE.plate_size_m), expected, atol=1e-9)
+
+
+def test_curves_may_begin_with_straight_lines(model):
+    """Two that cross at a small angle, where a ridge leads from one to the other."""
+    rows = PLATE * torch.tensor(
+        [[-0.36, -0.1, 0.36, 0.1, 0.045, 0.008], [-0.36, 0.08, 0.36, -0.12, 0.045, 0.006]], dtype=torch.float64
+    )
+    heights = model.heights(rows)
+    begun = straight_lines(model, heights, torch.full_like(heights, 1e-6))
+    assert len(begun) == 2 and not any(track.is_closed or track.corners for track in begun.tracks)
+    assert error_um(curved_heights(ChainModel(model), begun), heights) < 1.0
+    assert not len(straight_lines(model, torch.zeros_like(heights), torch.full_like(heights, 1e-6)))
+
+
+@pytest.mark.parametrize("is_with_ridges", [True, False])
+def test_the_image_says_where_curves_begin(model, truth, heights, image, monkeypatch, is_with_ridges):
+    """One of both ways misses a line."""
+    tried = []
+
+    def told(model, relief, spread, *, most, start=None):
+        tried.append(start is None)
+        return truth if (start is None) == is_with_ridges else truth.kept([0])
+
+    monkeypatch.setattr("nets.reconstruct.fibres.curves_of_image.curved_lines_of_relief", told)
+    found, loss = search(model, image)[0]._begun(heights, torch.full_like(heights, 1e-6))
+    assert len(found) == len(truth) == 2 and loss > 0
+    assert tried == ([True] if len(tried) == 1 else [True, False])
+    assert is_with_ridges or len(tried) == 2
