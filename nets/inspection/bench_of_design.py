@@ -11,6 +11,7 @@ from functools import partial
 
 import torch
 
+from nets.reconstruct.fibres.beliefs import as_stated
 from nets.reconstruct.fibres.bench_and_light import SLANTS, Bench, bench_record, seen_on
 from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.camera_of_lines import with_spread_of
@@ -59,7 +60,8 @@ class OnBench:
     @property
     def deviation_m(self) -> FloatArray:
         """Of heights by what both leave open [m], shape [n, n]."""
-        return height_deviation(self.view.model, self.lines, self.covariance)
+        about = self.lines, self.view, self.numbers, self.asked, self.bench
+        return height_deviation(self.view.model, self.lines, as_stated(self.covariance, *about))
 
     @property
     def record(self) -> FoundBench:

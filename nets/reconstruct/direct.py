@@ -194,6 +194,15 @@ class Direct(Reconstructor):
         answers = torch.cat(list(seeing[-1](resimulation.image, look)))
         return answers.mean(0), answers.std(0, correction=0)
 
+    @torch.no_grad()
+    def first_answers(self, image: CausticImage) -> torch.Tensor:
+        """What each network says at a first look in each symmetry [m], shape [B, n, n].
+
+        Args:
+            image: on this bench, at its exposure.
+        """
+        return torch.cat([answers for network in self.asked for answers in network(image)])
+
     def _resimulation(self, image: CausticImage) -> Resimulation:
         """At the exposure that a network needs."""
         resimulation, bench = Resimulation(self.simulator, image), self.asked[0].bench

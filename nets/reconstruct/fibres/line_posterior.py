@@ -17,8 +17,9 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.descent_numbers import by_shape, moving
-from nets.reconstruct.fibres.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.image_fit import METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.posterior_samples import samples_of
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import Reconstruction
@@ -81,6 +82,31 @@ def joint_covariance(
     information[free:, free:] += weight * np.eye(count)
     information[:free, :free] += RIDGE * np.eye(free)
     return JointCovariance(weight * np.linalg.inv(information) / np.outer(scale, scale), places)
+
+
+def noise_covariance(view: LinesView, lines: torch.Tensor, *, with_section: bool = False) -> JointCovariance | None:
+    """Of lines that leave nothing but noise, by that noise alone, each pixel's its own; None where it is not known.
+
+    At few pixels of one wavelength, of which there are as many as of all together.
+
+    Args:
+        view: the image on the bench that lines explain it on.
+        lines: shape [L, 6] [m].
+        with_section: the shape's numbers were found with them.
+    """
+    left, image = view.left(lines), view.image
+    if left is None or image.noise_std is None:
+        return None
+    channel = clearest_wavelength(image, view.scene)
+    one, told = of_wavelength(image, view.scene, channel)
+    few = usual_pixels(view.scene)
+    camera = view.camera.of_channel(channel)
+    fit = ImageFit(told, one, view.model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
+    assert one.noise_std is not None
+    # Means over so many pixels, and their noise; for less than the width the loss is r^2 / (2 width).
+    noise = left * float(np.asarray(one.noise_std).mean()) / told.radiosity_W_m2[0] * few / view.scene.image_pixels
+    alike = view.scene.n_wavelengths * float((fit.measurement.weight > 0).sum())
+    return joint_covariance(fit, lines, None, noise**2 / fit.width / alike, with_section=with_section)
 
 
 def height_deviation(model: LineModel, lines: torch.Tensor, covariance: JointCovariance) -> FloatArray:

@@ -27,6 +27,7 @@ from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_result import result_of
 from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.other_starts import start_elsewhere
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.starting_lines import starting_lines
@@ -123,8 +124,7 @@ class LinesOfImage:
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and not self.is_in_vain:
                 self._fit_with_all()
-                looks = self.method.options.looks_on(self.method.device.type)
-                if look_again(self, looks) and self._is_near():
+                if self._looked_at_again() and self._is_near():
                     self._fit_with_all()
             if self.covariance is not None and self.counted is not self.lines:
                 self.covariance = self.together(self.asked).covariance(self.lines, self.bench)
@@ -170,6 +170,12 @@ class LinesOfImage:
             fit_with_bench(self)
         if self._is_near():
             fit_through_blurring_lens(self)
+
+    def _looked_at_again(self) -> bool:
+        """Lines searched for anew where they leave more than noise; whether others were found."""
+        options, device = self.method.options, self.method.device.type
+        is_other = look_again(self, options.looks_on(device))
+        return start_elsewhere(self, options.starts_on(device)) or is_other
 
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""

@@ -1,17 +1,24 @@
 """The record of what lines, or a network's relief where these tell it no better, make of an image."""
 
 import dataclasses
+from collections.abc import Collection
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from nets.reconstruct.fibres.beliefs import as_stated, times_less_known
 from nets.reconstruct.fibres.bench_and_light import Bench, as_measured, bench_record, bench_warnings
 from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.curves_paths import paths_of
 from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation, with_line_samples
+from nets.reconstruct.fibres.line_posterior import (
+    JointCovariance,
+    height_deviation,
+    noise_covariance,
+    with_line_samples,
+)
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
@@ -30,7 +37,9 @@ class Run(ImageRun, Protocol):
     view: LinesView
     model: LineModel
     lines: torch.Tensor
+    moves_section: bool
     covariance: JointCovariance | None
+    asked: Collection[str]
     waves: WavyLines | None
     curves: CurvesOnImage | None
     bench: Bench
@@ -45,11 +54,22 @@ class Run(ImageRun, Protocol):
         """Of the lines, shape [n, n] [m]."""
 
 
+def _covariance(run: Run) -> JointCovariance | None:
+    """Of lines that are taken: with their bench where that was found with them, else what the image's noise leaves."""
+    if not run.takes_lines:
+        return None
+    if run.covariance is not None:
+        return as_stated(run.covariance, run.lines, run.view, run.numbers, run.asked, run.bench)
+    if run.is_noise_left and run.curves is None and run.waves is None:
+        return noise_covariance(run.view, run.lines, with_section=run.moves_section)
+    return None
+
+
 def result_of(run: Run) -> Reconstruction:
     """Lines if they explain the image better than the network's relief, else that relief, refined."""
     method, answer, timings, is_noise_left = run.method, run.answer, run.timings, run.is_noise_left
     heights, fibres, view, counters = answer.heights_m, None, run.told, dict(run.counters)
-    found_at = None
+    found_at, covariance = None, _covariance(run)
     if run.takes_lines:
         view, fibres = run.view, None if run.curves is not None else run.lines.numpy()
         heights, counters["explained_by"] = run.relief(), "fibres"
@@ -67,15 +87,14 @@ def result_of(run: Run) -> Reconstruction:
         counters["bench"] = record.record | {
             "light": run.bench.field.tolist(),
             "uneven": run.bench.uneven(view.scene.image_pixels),
+            "less_known": times_less_known(run.numbers, run.bench),
         }
         warnings += bench_warnings(run.numbers, run.bench, record)
     uncertainty = None
     if answer.uncertainty_m is not None:
         is_asked = method.options.causes and not is_noise_left
         rest = view.resimulation.rest(heights, found_at) if is_asked else None
-        posterior = None
-        if run.takes_lines and run.covariance is not None:
-            posterior = height_deviation(run.model, run.lines, run.covariance)
+        posterior = None if covariance is None else height_deviation(run.model, run.lines, covariance)
         flat = method.options.flatness_beside
         places = view.discrepancy.places(heights) if is_noise_left else None
         of = calibration_of(run.model.shape, has_waves=run.waves is not None, has_curves=run.curves is not None)
@@ -110,4 +129,4 @@ def result_of(run: Run) -> Reconstruction:
         return result
     # Samples are compared with the result by the same photons.
     same = LinesView(shown, run.model)
-    return with_line_samples(result, method.options.samples, same, run.lines, run.covariance)
+    return with_line_samples(result, method.options.samples, same, run.lines, covariance)

@@ -8,6 +8,7 @@ from nets.reconstruct.direct_options import DirectOptions
 from warp_caustics.prints.line import Section
 
 DEFAULT_LOOKS = {"cpu": 0, "cuda": 2}
+DEFAULT_STARTS = {"cpu": 0, "cuda": 3}
 
 
 class FibresOptions(DirectOptions):
@@ -29,6 +30,9 @@ class FibresOptions(DirectOptions):
     """How often lines that leave part of the image unexplained are searched for anew, from where heights go and from
     what a network says that is shown them; each takes as long as the first search. None: twice on a GPU, never on a
     CPU."""
+    starts: Annotated[int, Field(ge=0, le=16)] | None = None
+    """From how many single answers of the network lines that leave part of the image unexplained are searched for after
+    that; each takes as long as a look. None: three on a GPU, none on a CPU."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""
@@ -48,3 +52,7 @@ class FibresOptions(DirectOptions):
     def looks_on(self, device_type: str) -> int:
         """``looks``, or how many there are on a device."""
         return DEFAULT_LOOKS[device_type] if self.looks is None else self.looks
+
+    def starts_on(self, device_type: str) -> int:
+        """``starts``, or how many there are on a device."""
+        return DEFAULT_STARTS[device_type] if self.starts is None else self.starts

@@ -89,13 +89,13 @@ def _by_heights(run: Run, found: FloatArray) -> bool:
     if run.reason != "converged":
         return False
     answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
-    is_better, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer))
+    is_better, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer))
     return is_better
 
 
 def _by_network(run: Run) -> bool:
     """Search for lines in what a network says, and take those that are better in places; whether any are."""
-    network = _network_here(run)
+    network = network_here(run)
     said = None if network is None else network.looked_again(run.view.resimulation, run.left()[0])
     if said is None:
         return False
@@ -107,10 +107,10 @@ def _by_network(run: Run) -> bool:
         if len(start):
             run.search(start, _jumps(run), answer)
 
-    is_better, other = _tried(run, anew)
+    is_better, other = tried(run, anew)
     if run.view.is_explained(run.lines):
         return is_better
-    is_joint, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
+    is_joint, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
     return is_better or is_joint
 
 
@@ -118,7 +118,7 @@ def _jumps(run: Run) -> int:
     return min(JUMPS, run.method.options.jumps)
 
 
-def _network_here(run: Run) -> Direct | None:
+def network_here(run: Run) -> Direct | None:
     """The network on the bench of the view; None beyond its family."""
     try:
         return run.method.network if run.view is run.told else run.method.network.on_bench(run.view.scene)
@@ -126,7 +126,7 @@ def _network_here(run: Run) -> Direct | None:
         return None
 
 
-def _tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
+def tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
     """Keep the lines of a search if they are better; whether they are, and the lines that were not kept."""
     kept, was = (run.lines, run.model.shape, run.moves_section), run.left()[1]
     is_better = False

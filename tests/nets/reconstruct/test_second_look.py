@@ -198,8 +198,8 @@ def test_a_bench_beyond_the_family_is_not_looked_at(model, image, method, monkey
     monkeypatch.setattr(Direct, "on_bench", on_bench)
     fibres, _ = method(relief(model, LINES, 1e-5))
     run = SimpleNamespace(method=fibres, view=SimpleNamespace(scene=SCENE), told=None)
-    assert second_look._network_here(run) is None and asked == [SCENE]
-    assert second_look._network_here(SimpleNamespace(method=fibres, view=1, told=1)) is fibres.network
+    assert second_look.network_here(run) is None and asked == [SCENE]
+    assert second_look.network_here(SimpleNamespace(method=fibres, view=1, told=1)) is fibres.network
 
 
 def searched(left, after, others):

@@ -1,0 +1,70 @@
+"""Lines that leave part of an image unexplained, searched for from other starts.
+
+Where many lines lie on top of each other a search ends in one of many places, and which is luck: of crowded plates one
+in five ended 10 to 60 um off, another one in the next run. The mean of a network's answers is one start. Each answer in
+a symmetry is another, which errs elsewhere; a search from it is right in other places. Of both searches the lines that
+are better in each place are taken, and searched on from.
+"""
+
+from collections.abc import Iterator
+
+from nets.reconstruct.fibres.search import Answer
+from nets.reconstruct.fibres.second_look import JUMPS, LOOKED_AT_SHARE, Run, network_here, tried
+from nets.reconstruct.posterior_samples import farthest
+from warp_caustics.prints.vectorise import lines_of_relief
+
+FEWEST_LINES = 8
+"""Of fewer, what is left has other reasons than that one hides another."""
+
+
+def start_elsewhere(run: Run, starts: int) -> bool:
+    """Search for lines from single answers of the network, while lines leave more than noise.
+
+    Args:
+        run: of which lines were found.
+        starts: at most; those answers that lie farthest apart.
+
+    Returns:
+        Whether other lines were found.
+
+    Raises:
+        KeyboardInterrupt: the best lines so far are kept.
+    """
+    is_better = False
+    if not starts or len(run.lines) < FEWEST_LINES:
+        return False
+    for answer in _answers(run, starts):
+        _, left, of_network = run.left()
+        if run.reason != "converged" or run.view.is_settled(run.lines) or left > LOOKED_AT_SHARE * of_network:
+            break
+        is_better = _from(run, answer) or is_better
+        run.counters["starts"] = run.counters.get("starts", 0) + 1
+    return is_better
+
+
+def _answers(run: Run, starts: int) -> Iterator[Answer]:
+    """Single answers on the bench so far, with the spread of all."""
+    network = network_here(run)
+    every = None if network is None else network.first_answers(run.view.image)
+    if every is None or len(every) < 2:
+        return
+    spread = every.std(0)
+    apart = (every - every.mean(0)).double().cpu().numpy()
+    for k in farthest(apart, min(starts, len(every))):
+        yield Answer(every[k], spread, run.most_lines)
+
+
+def _from(run: Run, answer: Answer) -> bool:
+    """Search for lines that an answer tells, and take them, or those of both that are better; whether any are."""
+    jumps = min(JUMPS, run.method.options.jumps)
+
+    def anew() -> None:
+        start = lines_of_relief(run.model, answer.relief_m.cpu(), answer.spread_m.cpu(), most=run.most_lines)
+        if len(start):
+            run.search(start, jumps, answer)
+
+    is_better, other = tried(run, anew)
+    if run.view.is_settled(run.lines) or not len(other):
+        return is_better
+    is_joint, _ = tried(run, lambda: run.search(run.lines, jumps, answer, other))
+    return is_better or is_joint
