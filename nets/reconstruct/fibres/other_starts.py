@@ -31,15 +31,20 @@ def start_elsewhere(run: Run, starts: int) -> bool:
         KeyboardInterrupt: the best lines so far are kept.
     """
     is_better = False
-    if not starts or len(run.lines) < FEWEST_LINES:
+    if not starts or len(run.lines) < FEWEST_LINES or not _is_open(run):
         return False
     for answer in _answers(run, starts):
-        _, left, of_network = run.left()
-        if run.reason != "converged" or run.view.is_settled(run.lines) or left > LOOKED_AT_SHARE * of_network:
-            break
         is_better = _from(run, answer) or is_better
         run.counters["starts"] = run.counters.get("starts", 0) + 1
+        if not _is_open(run):
+            break
     return is_better
+
+
+def _is_open(run: Run) -> bool:
+    """Whether lines leave more than noise, and little enough to be the plate's."""
+    _, left, of_network = run.left()
+    return run.reason == "converged" and left <= LOOKED_AT_SHARE * of_network and not run.view.is_settled(run.lines)
 
 
 def _answers(run: Run, starts: int) -> Iterator[Answer]:
