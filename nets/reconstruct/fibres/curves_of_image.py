@@ -155,7 +155,8 @@ class CurvesOfImage:
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
         told = self.view
         lines = self._with_spread(lines)
-        if not self._is_better(self._relief(lines), relief.double().numpy(), told):
+        are_lines = found.fibres_m is not None
+        if not self._is_better(self._relief(lines), relief.double().numpy(), told, are_lines=are_lines):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
 
@@ -212,10 +213,11 @@ class CurvesOfImage:
             lines, self.view, self.model.shape = told
         return lines
 
-    def _is_better(self, found: FloatArray, before: FloatArray, told: LinesView) -> bool:
+    def _is_better(self, found: FloatArray, before: FloatArray, told: LinesView, *, are_lines: bool = False) -> bool:
         """Whether a relief of lines is taken for one that was found without them [m], shape [n, n] each.
 
-        That one is judged through the camera that lines tell, and ``told``, the one it was found through.
+        That one is judged through the camera that lines tell, and ``told``, the one it was found through. ``are_lines``
+        if that is one of straight lines, which have few numbers, too.
         """
         was, left = told.discrepancy(before), self.view.discrepancy(found)
         if was is not None and told is not self.view:
@@ -224,7 +226,7 @@ class CurvesOfImage:
             simulated = self.view.resimulation
             return simulated(found).residual < simulated(before).residual
         # Free heights may leave less than noise: few numbers that leave no more than it tell more of the plate.
-        return left < BETTER * max(was, AT_NOISE)
+        return left < BETTER * (was if are_lines else max(was, AT_NOISE))
 
     def _on_grid(self, values_m: FloatArray) -> torch.Tensor:
         """Values on the user's grid, at the samples of the model, shape [n, n] [m], float32."""

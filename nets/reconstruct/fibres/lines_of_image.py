@@ -16,11 +16,13 @@ from nets.reconstruct.fibres.camera_of_lines import (
     with_spread_of,
 )
 from nets.reconstruct.fibres.curves_of_image import (
+    MEETING_SHARE,
     CurvesOfImage,
     CurvesOnImage,
     are_crowd,
     are_rather_curved,
     network_on,
+    share_that_meet,
 )
 from nets.reconstruct.fibres.discrepancy import is_explained
 from nets.reconstruct.fibres.fibres_of import FibresOf
@@ -42,6 +44,10 @@ from warp_caustics.reconstruct.run_log import RunLog, why_stopped
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
+
+NO_CROWD_SHARE = 1.5
+"""Of what the network's relief leaves of the image, above which straight lines are no crowd of lines, however many, but
+pieces of curves: rings that cross each other and the plate's edge leave 3.0, crowds that are not solved 0.9."""
 
 
 class LinesOfImage:
@@ -105,8 +111,8 @@ class LinesOfImage:
         self.curves: CurvesOnImage | None = None
         """Instead of straight lines."""
         self.moves_section = False
-        self.is_left_alone = False
-        """Whether there are so many lines that corners and curves are not asked for."""
+        self.is_left_alone = self.is_crowd = False
+        """Whether corners and curves are not asked for, and whether that is so because straight lines are many."""
         self.takes_lines = self.is_noise_left = self.is_in_vain = False
         self.seconds, self.timings, self.counters = 0.0, dict(timings or {}), dict[str, Any]()
 
@@ -145,6 +151,8 @@ class LinesOfImage:
             return
         found, residual, of_network = self.left()
         self.counters |= {"residual_of_network": of_network, "residual_of_fibres": residual}
+        if residual > NO_CROWD_SHARE * of_network and self.is_crowd:
+            self.is_left_alone = False
         self.is_noise_left = residual < of_network and is_explained(self.view.discrepancy(found))
         self.takes_lines = self.is_noise_left or residual < TAKEN_SHARE * of_network
 
@@ -193,6 +201,10 @@ class LinesOfImage:
         if self.waves is not None:
             self.lines, self.covariance = self.waves.lines, None
             self.counters["waves"] = self.waves.record
+
+    def may_be_pieces(self) -> bool:
+        """Whether lines may be pieces of curves: they leave more than noise somewhere, and end where others begin."""
+        return share_that_meet(self.lines) >= MEETING_SHARE and not self.view.is_settled(self.lines)
 
     def fit_curves(self, found: Reconstruction) -> bool:
         """Lines with corners and curves along the ridges of a result; whether they are taken."""
@@ -245,7 +257,7 @@ class LinesOfImage:
         if options.left_alone is not None and len(start) >= options.left_alone:
             self.model.shape, self.is_left_alone = told, True
             return
-        self.is_left_alone = are_crowd(start)
+        self.is_left_alone = self.is_crowd = are_crowd(start)
         if self._may_be_curved() and are_rather_curved(self.model, start, heights, spread):
             self.is_in_vain = True
             self.model.shape = told

@@ -136,7 +136,7 @@ class Fibres(Reconstructor):
                 plain = other if run.residual_of(other) < found.residual else None
             if plain is None:
                 plain = self._finished(found, run)
-                if run.takes_lines:
+                if run.takes_lines and not run.may_be_pieces():
                     return plain
         return self._with_curves(plain, run, search, measured, answer, started, progress)
 

@@ -16,7 +16,7 @@ from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.section import with_caps, with_cut_bells, with_section_found
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
@@ -36,6 +36,9 @@ FINE_ROUNDS = 3
 
 ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
+
+FAINT_M = 3e-5
+"""Height of a line that may be none: a third of the lowest of Tab. 3, and three times the least that a fit allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +178,7 @@ class LineSearch:
         for _ in range(FINE_ROUNDS if self.jumps and self.view is not None else 0):
             if self._is_solved():
                 self._join()
+                self._leave_faint()
                 return
             # What is left is looked at line by line now, and a lattice's error may look like one.
             self.fine.correct_at(self.fine.model.heights(self.lines))
@@ -204,6 +208,26 @@ class LineSearch:
         self._finish()
         if not self.view.is_explained(self.lines):
             self.lines, model.shape = kept
+
+    def _leave_faint(self) -> None:
+        """Leave lines that hardly rise above the plate where the others tell the image as well without them.
+
+        Two as wide as a line, and next to it, make up for what is wrong of it: each alone cannot go.
+        """
+        rises = self.lines[:, HEIGHT] > FAINT_M
+        if self.answer is None or bool(rises.all()) or not bool(rises.any()):
+            return
+        fit = self.fine
+        kept = self.lines, fit.model.shape
+        was = fit.loss(fit.model.heights(self.lines))
+        found = fit.descend(self.lines[rises], self.iterations // 2, with_section=self.moves_section)
+        if found.loss > was:
+            self.lines, fit.model.shape = kept
+            return
+        self.lines = found.lines
+        self._finish()
+        if self.view is not None and not self.view.is_explained(self.lines):
+            self.lines, fit.model.shape = kept
 
     def _rebuild(self) -> None:
         """Build places anew where lines leave more than noise; what is better is seen at all pixels."""

@@ -11,6 +11,7 @@ from nets.reconstruct.fibres.curves_fit import _Descent, curved_heights, fitted_
 from nets.reconstruct.fibres.curves_of_image import CurvesOfImage, are_crowd, are_rather_curved
 from nets.reconstruct.fibres.curves_paths import paths_of, section_of
 from nets.reconstruct.fibres.image_fit import ImageFit
+from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.methods import create
 from tests.nets.reconstruct.cameras import blurring, through_lens
@@ -260,3 +261,78 @@ def test_the_image_says_where_curves_begin(model, truth, heights, image, monkeyp
     assert len(found) == len(truth) == 2 and loss > 0
     assert tried == ([True] if len(tried) == 1 else [True, False])
     assert is_with_ridges or len(tried) == 2
+
+
+def test_straight_pieces_that_meet_are_asked_for_a_ring(monkeypatch, saved, model):
+    """A ring that two dozen straight lines tell nearly to the noise; those that leave nothing but noise are left."""
+    turns = np.linspace(0, 2 * np.pi, 19)
+    at = 0.3 * PLATE * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    size = np.tile([0.05 * PLATE, 0.01 * PLATE], (18, 1))
+    pieces = torch.from_numpy(np.concatenate([at[:-1], at[1:], size], axis=1))
+    points = ring_points((0.0, 0.0), 0.3 * PLATE)[:-1]
+    ring = CurvedLines([track_through(points, is_closed=True, node_m=PLATE / 20)], size[:1])
+    heights = curved_heights(ChainModel(model), ring)
+    image = CausticImage(light_of(SCENE, heights).numpy(), np.full(3, NOISE))
+    monkeypatch.setattr(
+        answers_module, "Replayed", lambda module: lambda images: heights.expand(len(images), N, N).clone()
+    )
+    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.are_rather_curved", lambda *_: False)
+    asked = []
+
+    def taken(self, settled):
+        def fit_to(answer):
+            self.lines, self.counters["lines_of_relief"] = pieces, len(pieces)
+
+        def fit_curves(found):
+            asked.append(found.fibres_m)
+            return False
+
+        self.fit_to, self.fit_curves = fit_to, fit_curves
+        self.view.is_settled = lambda lines: settled
+
+    weights = saved("direct", scene=SCENE)
+    about = {"weights": weights, "symmetries": False, "set_up": "known", "bench_uncertainty": False, "looks": 0}
+    begin = LinesOfImage.__init__
+    for settled, expected in ((True, 0), (False, 1)):
+
+        def init(self, *args, settled=settled, **settings):
+            begin(self, *args, **settings)
+            taken(self, settled)
+
+        monkeypatch.setattr(LinesOfImage, "__init__", init)
+        monkeypatch.setattr(LinesOfImage, "_fit_with_all", lambda self: None)
+        asked.clear()
+        fibres = create("fibres", SCENE, waves=False, refine_iterations=2, **about)
+        for name in ("takes_lines", "is_noise_left"):
+            always = property(lambda self: True, lambda self, value: None)
+            monkeypatch.setattr(LinesOfImage, name, always, raising=False)
+        found = fibres.reconstruct(image)
+        assert len(asked) == expected and found.fibres_m is not None
+
+
+def test_curves_must_leave_less_than_straight_lines(model, heights, image):
+    """Free heights may leave less than noise, a few straight lines may not."""
+    curves, view = search(model, image)
+    true = view.glass(heights)
+    nearly = view.glass(1.002 * heights)
+    assert curves._is_better(nearly, true, view) and not curves._is_better(nearly, true, view, are_lines=True)
+    assert curves._is_better(true, view.glass(1.03 * heights), view, are_lines=True)
+
+
+@pytest.mark.parametrize("left, is_left", [(0.9, True), (3.0, False)])
+def test_many_lines_that_tell_nothing_are_pieces_of_rings(monkeypatch, saved, image, left, is_left):
+    """A crowd of straight lines leaves hardly more of the image than the relief they were found in."""
+    runs = []
+
+    def fit_to(self, answer):
+        self.lines, self.is_left_alone, self.is_crowd, self.is_in_vain = LINES, True, True, True
+        self.left = lambda: (self.view.relief(LINES), left, 1.0)
+        runs.append(self)
+
+    monkeypatch.setattr(LinesOfImage, "fit_to", fit_to)
+    about = {"weights": saved("direct", scene=SCENE), "symmetries": False, "set_up": "known", "waves": False}
+    fibres = create("fibres", SCENE, bench_uncertainty=False, **about)
+    answer = fibres.network.found(image)
+    run = LinesOfImage(fibres, image, answer, 0.0, None)
+    run.fit()
+    assert runs == [run] and run.is_left_alone == is_left and not run.takes_lines

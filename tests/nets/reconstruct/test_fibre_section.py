@@ -295,6 +295,20 @@ def test_caps_are_told_from_what_is_nearly_one(printed, is_cap):
         assert 1e6 * float((model.heights(kept) - heights).square().mean().sqrt()) < 1.5
 
 
+def test_caps_are_told_from_cosines_of_a_power():
+    """Of thin fibres, which a cosine of a power tells nearly as well."""
+    lines = LINES.clone()
+    lines[:, 5] = 0.25 * lines[:, 4]
+    heights = model_of(*Shape(is_cap=True)).heights(lines)
+    image = CausticImage(light_of(SCENE, heights).numpy(), np.full(2, 0.005))
+    model = model_of(0.6, 0.0)
+    fit = ImageFit(SCENE, image, model, 2 * N)
+    found = fit.descend(lines + OFF, 30, with_section=True)
+    assert 0.2 < model.shape.exponent < 0.9 and model.shape.parabola < 0.5
+    kept = with_caps(fit, found.lines, 30)
+    assert model.shape.is_cap and 1e6 * float((model.heights(kept) - heights).square().mean().sqrt()) < 1.5
+
+
 @pytest.mark.parametrize("shape", [Shape(1.0, 0.2, 0.9, 0.3, 1.5e-3), Shape(0.6, 0.0, 1.0, 0.1, 5e-4)])
 def test_derivatives_by_thicker_ends(shape):
     """Against differences ten times as small, in float64 of their sums."""
