@@ -11,7 +11,7 @@ from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHO
 from nets.reconstruct.fibres.image_growth import grown, pruned
 from nets.reconstruct.fibres.image_joins import gaps_between, with_joins
 from nets.reconstruct.fibres.image_moves import jump
-from nets.reconstruct.fibres.image_rebuild import rebuilt
+from nets.reconstruct.fibres.image_rebuild import LINE_FACTOR, rebuilt
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.section import with_caps, with_cut_bells, with_section_found
@@ -219,9 +219,10 @@ class LineSearch:
             return
         fit = self.fine
         kept = self.lines, fit.model.shape
-        was = fit.loss(fit.model.heights(self.lines))
-        found = fit.descend(self.lines[rises], self.iterations // 2, with_section=self.moves_section)
-        if found.loss > was:
+        iterations, moves = self.iterations // 2, self.moves_section
+        as_they_are, fit.model.shape = fit.descend(self.lines, iterations, with_section=moves), kept[1]
+        found = fit.descend(self.lines[rises], iterations, with_section=moves)
+        if found.loss > as_they_are.loss * LINE_FACTOR ** (len(self.lines) - len(found.lines)):
             self.lines, fit.model.shape = kept
             return
         self.lines = found.lines

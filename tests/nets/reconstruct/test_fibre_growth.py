@@ -89,6 +89,26 @@ def test_a_search_finds_what_is_missing_and_drops_what_is_not_there():
     assert len(found) == 3 and error_um(found) < 1.0 < 20 < error_um(start)
 
 
+def test_faint_lines_that_make_up_for_a_wrong_one_are_left():
+    """Two next to it, neither of which can go alone; one that was printed stays."""
+    line = LINES[0]
+    aside = 1e-3 * torch.tensor([-0.9, 1.3], dtype=torch.float64).repeat(2)
+    beside = torch.stack([torch.cat([line[:4] + sign * aside, line[4:]]) for sign in (-1, 1)])
+    beside[:, 5] = 1e-5
+    lower = LINES.clone()
+    lower[0, 5] *= 0.985
+    answer = Answer(*answer_of(LINES))
+    for printed, start, left in ((LINES, torch.cat([lower, beside]), 3), (None, None, 4)):
+        if printed is None:
+            low = torch.tensor([[-20e-3, -18e-3, 20e-3, -20e-3, 1.6e-3, 2.9e-5]], dtype=torch.float64)
+            printed = start = torch.cat([LINES, low])
+        search = LineSearch(SCENE, seen(printed), MODEL, 2 * N, jumps=1, iterations=30, answer=answer)
+        search.lines = start
+        search._leave_faint()
+        assert len(search.lines) == left
+        assert error_um(search.lines, printed) < 0.5
+
+
 @pytest.mark.parametrize(("is_bent", "is_in_vain"), [(True, True), (False, False)])
 def test_lines_that_leave_more_than_the_relief_they_are_of_are_given_up(monkeypatch, is_bent, is_in_vain):
     """A ring, which the network has found: no lines tell it, and the pixels of the image are not asked."""
