@@ -7,6 +7,7 @@ are better in each place are taken, and searched on from.
 """
 
 from collections.abc import Iterator
+from typing import Protocol
 
 from nets.reconstruct.fibres.search import Answer
 from nets.reconstruct.fibres.second_look import JUMPS, LOOKED_AT_SHARE, Run, network_here, tried
@@ -15,9 +16,18 @@ from warp_caustics.prints.vectorise import lines_of_relief
 
 FEWEST_LINES = 8
 """Of fewer, what is left has other reasons than that one hides another."""
+CROWD_SHARE = 1.5
+"""Of what the network's relief leaves of the image, that many straight lines may leave to be searched for again; others
+may leave ``LOOKED_AT_SHARE``."""
 
 
-def start_elsewhere(run: Run, starts: int) -> bool:
+class CrowdRun(Run, Protocol):
+    """Which knows whether its lines are many."""
+
+    is_crowd: bool
+
+
+def start_elsewhere(run: CrowdRun, starts: int) -> bool:
     """Search for lines from single answers of the network, while lines leave more than noise.
 
     Args:
@@ -41,13 +51,14 @@ def start_elsewhere(run: Run, starts: int) -> bool:
     return is_better
 
 
-def _is_open(run: Run) -> bool:
+def _is_open(run: CrowdRun) -> bool:
     """Whether lines leave more than noise, and little enough to be the plate's."""
     _, left, of_network = run.left()
-    return run.reason == "converged" and left <= LOOKED_AT_SHARE * of_network and not run.view.is_settled(run.lines)
+    most = CROWD_SHARE if run.is_crowd else LOOKED_AT_SHARE
+    return run.reason == "converged" and left <= most * of_network and not run.view.is_settled(run.lines)
 
 
-def _answers(run: Run, starts: int) -> Iterator[Answer]:
+def _answers(run: CrowdRun, starts: int) -> Iterator[Answer]:
     """Single answers on the bench so far, with the spread of all."""
     network = network_here(run)
     every = None if network is None else network.first_answers(run.view.image)
@@ -59,7 +70,7 @@ def _answers(run: Run, starts: int) -> Iterator[Answer]:
         yield Answer(every[k], spread, run.most_lines)
 
 
-def _from(run: Run, answer: Answer) -> bool:
+def _from(run: CrowdRun, answer: Answer) -> bool:
     """Search for lines that an answer tells, and take them, or those of both that are better; whether any are."""
     jumps = min(JUMPS, run.method.options.jumps)
 
