@@ -12,7 +12,8 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
+from nets.reconstruct.fibres.beside_waves import FACTOR, ROUNDS, Beside, BesideWaves, counted, mended
+from nets.reconstruct.fibres.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.one_wavelength import clearest_wavelength, of_wavelength
 from warp_caustics.prints.model import LINE_COLUMNS, LineModel
@@ -117,13 +118,46 @@ def waves_of(run: Run) -> WavyLines | None:
         about = scene, seen, run.model, pixels
         return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, camera=camera)
 
-    few = finely(told, one, usual_pixels(view.scene), view.camera.of_channel(channel))
+    size, camera = usual_pixels(view.scene), view.camera.of_channel(channel)
+    few = finely(told, one, size, camera)
     found = with_waves(few, straight(run.model, run.lines), FEW_ITERATIONS, noise)
     if not view.resimulation(view.glass(found.heights)).residual < WAVES_FACTOR * left:
         return None
+
+    def beside(added_m: torch.Tensor) -> tuple[ImageFit, ImageFit]:
+        model, report = BesideWaves(run.model, added_m), run.note
+        about = told, one, model
+        quick = ImageFit(*about, size // 2, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
+        photons = FINE_PHOTONS_PER_PIXEL
+        return ImageFit(*about, size, photons_per_pixel=photons, report=report, metric=quick, camera=camera), quick
+
+    found = with_mended_lines(few, found, noise, beside)
     fine = finely(view.scene, image, view.scene.image_pixels, view.camera)
     fine.correct_at(found.heights)
     return with_waves(fine, found, ALL_ITERATIONS, noise)
+
+
+def with_mended_lines(few: ImageFit, found: WavyLines, noise: float, beside: Beside) -> WavyLines:
+    """Lines that are mended beside their waves, and waves along them, while these explain the image better.
+
+    Args:
+        few: judges.
+        found: lines and their waves.
+        noise: standard deviation of a pixel, in units of the radiosity.
+        beside: misfits of lines beside what waves add.
+    """
+    left = few.loss(found.heights)
+    for _ in range(ROUNDS[few.model.device.type]):
+        fits = beside(found.heights - few.model.heights(found.lines))
+        begun = [straight(few.model, lines) for lines in mended(*fits, found.lines)]
+        tried = [with_waves(few, each, FEW_ITERATIONS, noise) for each in begun]
+        losses = [few.loss(each.heights) for each in tried]
+        scores = [counted(loss, len(each.lines)) for loss, each in zip(losses, tried, strict=True)]
+        best = scores.index(min(scores))
+        if scores[best] >= FACTOR * counted(left, len(found.lines)):
+            break
+        found, left = tried[best], losses[best]
+    return found
 
 
 def noise_of(view: LinesView) -> float:
