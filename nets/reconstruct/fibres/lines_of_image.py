@@ -32,6 +32,7 @@ from nets.reconstruct.fibres.lines_view import LinesView
 from nets.reconstruct.fibres.other_starts import start_elsewhere
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
+from nets.reconstruct.fibres.section_of_lines import fit_with_section
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.waves import WavyLines, waves_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -169,6 +170,8 @@ class LinesOfImage:
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
         fit_through_lens(self)
+        if self._is_near():
+            fit_with_section(self)
         if self._is_near() and self.method.options.losses is not False:
             fit_with_losses(self)
         if self._is_near() and not self.method.takes_bench_as_told:

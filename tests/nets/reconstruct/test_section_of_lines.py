@@ -1,0 +1,80 @@
+"""A section that is nearly the usual one, asked of lines that explain the image nearly."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.section_of_lines import fit_with_section
+from tests.nets.reconstruct.exact_light import light_of
+from tests.nets.reconstruct.three_lines import LINES, SCENE
+from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.simulator import CausticSimulator
+
+NOISE = 0.01
+
+
+def run_of(printed, **about):
+    """Lines of the usual section nearly where they were printed."""
+    truth = LineModel(SCENE)
+    truth.shape = printed
+    heights = truth.heights(LINES)
+    shown = light_of(SCENE, heights).numpy()
+    white = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    image = CausticImage((shown + white).astype(np.float32), np.full(len(shown), NOISE))
+    model = LineModel(SCENE)
+    plain = Resimulation(CausticSimulator(SCENE, "lattice"), image, np.ones(len(shown)))
+    view = LinesView(plain.through(ChannelCamera.perfect(len(shown), SCENE.image_pixels)), model)
+    method = SimpleNamespace(finds_section=True)
+    run = SimpleNamespace(method=method, model=model, view=view, lines=LINES + 1e-6, moves_section=False)
+    vars(run).update(about)
+
+    def search(start, jumps):
+        assert jumps == 0 and run.moves_section
+        run.lines = start
+
+    run.search = about.get("search", search)
+    return run, heights
+
+
+def error_um(run, heights):
+    return 1e6 * float((run.model.heights(run.lines) - heights).square().mean().sqrt())
+
+
+@pytest.mark.parametrize("power", [0.85, 1.2])
+def test_a_section_that_is_nearly_the_usual_one_is_found(power):
+    run, heights = run_of(Shape(power))
+    before = error_um(run, heights)
+    fit_with_section(run)
+    assert run.moves_section and run.model.shape.exponent == pytest.approx(power, abs=0.03)
+    assert error_um(run, heights) < 0.5 * before
+
+
+def test_the_usual_section_stays():
+    run, _ = run_of(Shape())
+    lines = run.lines
+    fit_with_section(run)
+    assert run.lines is lines and run.model.shape == Shape() and not run.moves_section
+
+
+def test_a_section_that_is_told_or_moves_is_not_asked():
+    for about in ({"moves_section": True}, {"method": SimpleNamespace(finds_section=False)}, {"lines": LINES[:0]}):
+        run, _ = run_of(Shape(0.85), **about)
+        lines = run.lines
+        fit_with_section(run)
+        assert run.lines is lines and run.model.shape == Shape()
+
+
+def test_lines_that_end_worse_are_as_they_were():
+    def worse(start, jumps):
+        run.lines = start + torch.tensor([0, 0, 0, 0, 0, 2e-4], dtype=torch.float64)
+
+    run, _ = run_of(Shape(0.85), search=worse)
+    lines = run.lines
+    fit_with_section(run)
+    assert run.lines is lines and run.model.shape == Shape() and not run.moves_section
