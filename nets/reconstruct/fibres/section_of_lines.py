@@ -35,6 +35,9 @@ class Run(Protocol):
     def search(self, start: torch.Tensor, jumps: int) -> None:
         """Lines searched for from others, shape [L, 6] [m]."""
 
+    def note(self, loss: float) -> None:
+        """Told after each evaluation; may raise."""
+
 
 def fit_with_section(run: Run) -> None:
     """Lines whose section moves, where that is significantly another than the usual one.
@@ -44,7 +47,7 @@ def fit_with_section(run: Run) -> None:
     """
     if run.moves_section or not run.method.finds_section or not len(run.lines):
         return
-    fit, given = _few(run.view, run.model), (run.lines, run.model.shape)
+    fit, given = _few(run), (run.lines, run.model.shape)
     fit.correct_at(run.model.heights(run.lines))
     is_better = False
     try:
@@ -61,11 +64,13 @@ def fit_with_section(run: Run) -> None:
             run.moves_section = False
 
 
-def _few(view: LinesView, model: LineModel) -> ImageFit:
+def _few(run: Run) -> ImageFit:
     """The misfit at few pixels of the clearest wavelength, through the camera that was found."""
+    view = run.view
     channel = clearest_wavelength(view.image, view.scene)
     image, scene = of_wavelength(view.image, view.scene, channel)
     size, camera = usual_pixels(view.scene), view.camera.of_channel(channel)
-    about = scene, image, model
+    about = scene, image, run.model
     metric = ImageFit(*about, size // 2, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
-    return ImageFit(*about, size, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, metric=metric, camera=camera)
+    photons = FINE_PHOTONS_PER_PIXEL
+    return ImageFit(*about, size, photons_per_pixel=photons, report=run.note, metric=metric, camera=camera)

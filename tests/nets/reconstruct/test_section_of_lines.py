@@ -32,6 +32,7 @@ def run_of(printed, **about):
     view = LinesView(plain.through(ChannelCamera.perfect(len(shown), SCENE.image_pixels)), model)
     method = SimpleNamespace(finds_section=True)
     run = SimpleNamespace(method=method, model=model, view=view, lines=LINES + 1e-6, moves_section=False)
+    run.note = lambda loss: None
     vars(run).update(about)
 
     def search(start, jumps):
@@ -77,4 +78,15 @@ def test_lines_that_end_worse_are_as_they_were():
     run, _ = run_of(Shape(0.85), search=worse)
     lines = run.lines
     fit_with_section(run)
+    assert run.lines is lines and run.model.shape == Shape() and not run.moves_section
+
+
+def test_a_run_that_is_out_of_time_keeps_its_lines():
+    def late(loss):
+        raise KeyboardInterrupt
+
+    run, _ = run_of(Shape(0.85), note=late)
+    lines = run.lines
+    with pytest.raises(KeyboardInterrupt):
+        fit_with_section(run)
     assert run.lines is lines and run.model.shape == Shape() and not run.moves_section
