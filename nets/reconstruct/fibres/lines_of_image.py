@@ -170,10 +170,10 @@ class LinesOfImage:
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
         fit_through_lens(self)
-        if self._is_near():
-            fit_with_section(self)
         if self._is_near() and self.method.options.losses is not False:
             fit_with_losses(self)
+        if self._is_near():
+            fit_with_section(self)  # losses of light look like another one
         if self._is_near() and not self.method.takes_bench_as_told:
             fit_with_light(self)
             fit_with_gap(self)
