@@ -1,4 +1,4 @@
-"""What lines and a bench that were found together leave open, with what is believed of the bench by what it was found.
+"""What lines and a bench that were found together leave open, as it is stated.
 
 A bench is looked for with wide beliefs, so that it can be found far away, and in units in which a hundred pixels err
 together. What is stated afterwards is another question:

@@ -85,7 +85,7 @@ def joint_covariance(
 
 
 def noise_covariance(view: LinesView, lines: torch.Tensor, *, with_section: bool = False) -> JointCovariance | None:
-    """Of lines that leave nothing but noise, by that noise alone, each pixel's its own; None where it is not known.
+    """Of lines that leave nothing but noise, by that noise alone, each pixel's its own; None where it cannot be told.
 
     At few pixels of one wavelength, of which there are as many as of all together.
 
@@ -94,7 +94,7 @@ def noise_covariance(view: LinesView, lines: torch.Tensor, *, with_section: bool
         lines: shape [L, 6] [m].
         with_section: the shape's numbers were found with them.
     """
-    left, image = view.left(lines), view.image
+    left, image = view.left(lines), view.image_with_noise
     if left is None or image.noise_std is None:
         return None
     channel = clearest_wavelength(image, view.scene)

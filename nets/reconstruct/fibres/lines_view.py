@@ -47,12 +47,16 @@ class LinesView:
         return self.resimulation.camera
 
     @cached_property
+    def image_with_noise(self) -> CausticImage:
+        """The image, whose noise is estimated where nobody told it; None where it cannot be."""
+        if self.image.noise_std is not None:
+            return self.image
+        return dataclasses.replace(self.image, noise_std=estimated_noise(self.image, self.scene))
+
+    @cached_property
     def discrepancy(self) -> Discrepancy:
         """What is left of the image."""
-        image = self.image
-        if image.noise_std is None:
-            image = dataclasses.replace(image, noise_std=estimated_noise(image, self.scene))
-        return Discrepancy(self.scene, image, self.resimulation.simulator.device, self.camera)
+        return Discrepancy(self.scene, self.image_with_noise, self.resimulation.simulator.device, self.camera)
 
     def relief(self, lines: torch.Tensor) -> FloatArray:
         """Heights of lines, shape [n, n] [m]."""

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from nets.reconstruct.fibres.search import Answer
-from nets.reconstruct.fibres.second_look import JUMPS, LOOKED_AT_SHARE, Run, network_here, tried
+from nets.reconstruct.fibres.second_look import LOOKED_AT_SHARE, Run, network_here, searched_in
 from nets.reconstruct.posterior_samples import farthest
-from warp_caustics.prints.vectorise import lines_of_relief
 
 FEWEST_LINES = 8
 """Of fewer, what is left has other reasons than that one hides another."""
@@ -44,7 +43,7 @@ def start_elsewhere(run: CrowdRun, starts: int) -> bool:
     if not starts or len(run.lines) < FEWEST_LINES or not _is_open(run):
         return False
     for answer in _answers(run, starts):
-        is_better = _from(run, answer) or is_better
+        is_better = searched_in(run, answer, run.view.is_settled) or is_better
         run.counters["starts"] = run.counters.get("starts", 0) + 1
         if not _is_open(run):
             break
@@ -68,19 +67,3 @@ def _answers(run: CrowdRun, starts: int) -> Iterator[Answer]:
     apart = (every - every.mean(0)).double().cpu().numpy()
     for k in farthest(apart, min(starts, len(every))):
         yield Answer(every[k], spread, run.most_lines)
-
-
-def _from(run: CrowdRun, answer: Answer) -> bool:
-    """Search for lines that an answer tells, and take them, or those of both that are better; whether any are."""
-    jumps = min(JUMPS, run.method.options.jumps)
-
-    def anew() -> None:
-        start = lines_of_relief(run.model, answer.relief_m.cpu(), answer.spread_m.cpu(), most=run.most_lines)
-        if len(start):
-            run.search(start, jumps, answer)
-
-    is_better, other = tried(run, anew)
-    if run.view.is_settled(run.lines) or not len(other):
-        return is_better
-    is_joint, _ = tried(run, lambda: run.search(run.lines, jumps, answer, other))
-    return is_better or is_joint

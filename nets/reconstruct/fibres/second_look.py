@@ -89,7 +89,7 @@ def _by_heights(run: Run, found: FloatArray) -> bool:
     if run.reason != "converged":
         return False
     answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
-    is_better, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer))
+    is_better, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer))
     return is_better
 
 
@@ -100,17 +100,30 @@ def _by_network(run: Run) -> bool:
     if said is None:
         return False
     relief_m, spread_m = said
-    answer = Answer(relief_m, spread_m, run.most_lines)
+    return searched_in(run, Answer(relief_m, spread_m, run.most_lines), run.view.is_explained)
+
+
+def searched_in(run: Run, answer: Answer, is_enough: Callable[[torch.Tensor], bool]) -> bool:
+    """Search for the lines that an answer tells, and take them, or those of both that are better in each place.
+
+    Args:
+        run: whose lines so far are the others.
+        answer: in whose relief lines begin.
+        is_enough: whether lines are good enough to leave it at the first.
+
+    Returns:
+        Whether any are better.
+    """
 
     def anew() -> None:
-        start = lines_of_relief(run.model, relief_m.cpu(), spread_m.cpu(), most=run.most_lines)
+        start = lines_of_relief(run.model, answer.relief_m.cpu(), answer.spread_m.cpu(), most=run.most_lines)
         if len(start):
             run.search(start, _jumps(run), answer)
 
-    is_better, other = tried(run, anew)
-    if run.view.is_explained(run.lines):
+    is_better, other = _tried(run, anew)
+    if is_enough(run.lines):
         return is_better
-    is_joint, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
+    is_joint, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
     return is_better or is_joint
 
 
@@ -126,7 +139,7 @@ def network_here(run: Run) -> Direct | None:
         return None
 
 
-def tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
+def _tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
     """Keep the lines of a search if they are better; whether they are, and the lines that were not kept."""
     kept, was = (run.lines, run.model.shape, run.moves_section), run.left()[1]
     is_better = False

@@ -1,4 +1,4 @@
-"""The section of lines that explain an image nearly, asked by the score of its numbers.
+"""The section of lines that explain an image nearly, asked once more.
 
 A section must explain clearly more than the usual one to be taken before lines are right, for lines that are wrong
 explain a little more with a section of their own. Once they are right it is told to a thousandth: cosines of a power of

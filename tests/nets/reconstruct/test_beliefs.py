@@ -103,8 +103,19 @@ def test_lines_deviate_by_as_much_as_noise_moves_them():
     assert 1e-7 < float(deviation[printed].mean()) < 1e-5
 
 
-def test_noise_that_nobody_knows_tells_nothing():
-    model = LineModel(SCENE)
-    image = CausticImage(np.ones((3, SCENE.image_pixels, SCENE.image_pixels), np.float32))
-    view = LinesView(Resimulation(CausticSimulator(SCENE, "lattice"), image, np.ones(3)), model)
-    assert noise_covariance(view, LINES) is None
+def test_noise_that_nobody_told_is_estimated():
+    """As what lines leave is judged by it; where it cannot be told, nothing is said."""
+    model, noise = LineModel(SCENE), 0.06
+    exact = CausticSimulator(SCENE, "lattice", n_photons=16 * SCENE.image_pixels**2)(model.heights(LINES)).numpy()
+    shown = (exact + noise * np.random.default_rng(1).standard_normal(exact.shape)).astype(np.float32)
+
+    def stated(image):
+        view = LinesView(Resimulation(CausticSimulator(SCENE, "lattice"), image, np.ones(len(exact))), model)
+        covariance = noise_covariance(view, LINES)
+        return None if covariance is None else height_deviation(model, LINES, covariance)
+
+    told = stated(CausticImage(shown, np.full(len(exact), noise)))
+    assert np.sqrt(np.mean(stated(CausticImage(shown)) ** 2)) == pytest.approx(np.sqrt(np.mean(told**2)), rel=0.1)
+    hidden = np.zeros(shown.shape, bool)
+    hidden[:, :1, :1] = True
+    assert stated(CausticImage(shown, mask=hidden)) is None
