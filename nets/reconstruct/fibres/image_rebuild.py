@@ -9,12 +9,13 @@ from its end reaches the next place where the image is explained badly.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import torch
 
 from nets.reconstruct.fibres.image_clearing import Place, clearings, reaching, within
+from nets.reconstruct.fibres.image_evolution import evolved
 from nets.reconstruct.fibres.image_fit import Fitted, ImageFit
 from nets.reconstruct.fibres.image_growth import proposals, pruned
 from nets.reconstruct.fibres.image_joins import gaps_between, ways_to_join, with_joins
@@ -66,6 +67,8 @@ def rebuilt(
     spread_m: torch.Tensor,
     quick: ImageFit | None = None,
     is_enough: Callable[[torch.Tensor], bool] = lambda lines: False,
+    *,
+    evolves: bool = False,
 ) -> Fitted | None:
     """Lines with the worst places built anew, one after the other, where the image likes it better.
 
@@ -76,6 +79,7 @@ def rebuilt(
         spread_m: of its answers, shape [n, n] [m].
         quick: says which of all ways are tried; ``fit`` if None.
         is_enough: whether lines are good enough to end.
+        evolves: places where nothing is better have lines evolve.
 
     Returns:
         None where nothing is better.
@@ -86,7 +90,9 @@ def rebuilt(
         place = next((at for at in places if all(math.dist(at, other) >= APART_M for other in failed)), None)
         if place is None or len(failed) == FAILURES:
             break
-        found = _rebuilt_at(fit, quick or fit, best, place, relief_m, spread_m)
+        found = _rebuilt_at(fit, best, place, _ways(quick or fit, best.lines, place, relief_m, spread_m), quick or fit)
+        if found is None and evolves:
+            found = _rebuilt_at(fit, best, place, _evolved(fit, best.lines, place), fit.metric)
         if found is None:
             failed.append(place)
             continue
@@ -100,12 +106,18 @@ def rebuilt(
     return pruned(fit, best.lines)
 
 
-def _rebuilt_at(
-    fit: ImageFit, quick: ImageFit, before: Fitted, place: Place, relief_m: torch.Tensor, spread_m: torch.Tensor
-) -> Fitted | None:
-    """Lines with a place built anew; None where nothing is better."""
+def _rebuilt_at(fit: ImageFit, before: Fitted, place: Place, ways: Iterable[_Way], quick: ImageFit) -> Fitted | None:
+    """Lines with a place built anew in one of some ways; None where nothing is better.
+
+    Args:
+        fit: judges.
+        before: lines so far.
+        place: that is built anew.
+        ways: to do so.
+        quick: gave their misfits.
+    """
     most = GIVEN_UP_FACTOR * quick.loss(fit.model.heights(before.lines))
-    ways = [way for way in _ways(quick, before.lines, place, relief_m, spread_m) if way.loss <= most]
+    ways = [way for way in ways if way.loss <= most]
     ways.sort(key=lambda way: _score(way.loss, way.lines))
     fewer = [way for way in ways if len(way.lines) < len(before.lines)][:TRIED_FEWER]
     others = [way for way in ways if len(way.lines) >= len(before.lines)][:TRIED_OTHERS]
@@ -149,6 +161,23 @@ def _ways(
         if math.dist(at, place) <= RADII_M[-1]:
             yield _Way(joined, [len(joined) - 1], fit.loss(model.heights(joined)))
     yield from _moved(fit, lines, place)
+
+
+def _evolved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]:
+    """A line that evolves at a place: besides all others, in place of those within it, and of each that ends there."""
+    model, few, ends = fit.model, fit.metric, lines[:, :4].reshape(-1, 2, 2)
+    few.correct_at(model.heights(lines))
+    near = (ends - lines.new_tensor(place)).norm(dim=2) <= RADII_M[0]
+    within_it = near.all(dim=1).nonzero()[:, 0].tolist()
+    gone = [[], within_it, *([k] for k in near.any(dim=1).nonzero()[:, 0].tolist())]
+    for number, some in enumerate(gone):
+        if some in gone[:number]:
+            continue
+        kept = lines[[k for k in range(len(lines)) if k not in some]]
+        relief = model.heights(kept)
+        for line in evolved(few, relief, place, seed=number):
+            with_it = torch.cat([kept, line[None]])
+            yield _Way(with_it, [len(kept)], few.loss(model.heights(with_it)))
 
 
 def _with_one_more(

@@ -29,10 +29,10 @@ from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.line_posterior import JointCovariance
 from nets.reconstruct.fibres.lines_result import result_of
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.other_starts import start_elsewhere
+from nets.reconstruct.fibres.other_starts import evolve, start_elsewhere
 from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
 from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
-from nets.reconstruct.fibres.section_of_lines import fit_with_section
+from nets.reconstruct.fibres.section_of_lines import fit_with_section_or_bench
 from nets.reconstruct.fibres.starting_lines import starting_lines
 from nets.reconstruct.fibres.waves import WavyLines, waves_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -173,20 +173,27 @@ class LinesOfImage:
         if self._is_near() and self.method.options.losses is not False:
             fit_with_losses(self)
         if self._is_near():
-            fit_with_section(self)  # losses of light look like another one
+            fit_with_section_or_bench(self, self._fit_with_bench)  # losses of light look like another section
+        else:
+            self._fit_with_bench()
+        if self._is_near():
+            fit_through_blurring_lens(self)
+
+    def _fit_with_bench(self) -> None:
+        """Lines on the bench they tell."""
         if self._is_near() and not self.method.takes_bench_as_told:
             fit_with_light(self)
             fit_with_gap(self)
         if self._asks_bench():
             fit_with_bench(self)
-        if self._is_near():
-            fit_through_blurring_lens(self)
 
     def _looked_at_again(self) -> bool:
         """Lines searched for anew where they leave more than noise; whether others were found."""
         options, device = self.method.options, self.method.device.type
         is_other = look_again(self, options.looks_on(device))
-        return start_elsewhere(self, options.starts_on(device)) or is_other
+        if options.evolves_on(device):
+            is_other = evolve(self) or is_other
+        return start_elsewhere(self, options.starts_on(device), options.evolves_on(device)) or is_other
 
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""
@@ -282,10 +289,11 @@ class LinesOfImage:
         others: torch.Tensor | None = None,
         *,
         is_first: bool = False,
+        evolves: bool = False,
     ) -> None:
         """Lines searched for from others, which tell an answer or are from it; where nothing was before, its section.
 
-        ``others`` of another search may be better in places.
+        ``others`` of another search may be better in places. Where places stay wrong lines may evolve.
         """
         method, device, view = self.method, self.method.device, self.view
         answer = answer or Answer.of(self.answer, self.most_lines)
@@ -304,6 +312,7 @@ class LinesOfImage:
             view=view,
             report=self.note,
             camera=view.camera,
+            evolves=evolves,
         )
         try:
             search.run(start)

@@ -9,6 +9,7 @@ from warp_caustics.prints.line import Section
 
 DEFAULT_LOOKS = {"cpu": 0, "cuda": 2}
 DEFAULT_STARTS = {"cpu": 0, "cuda": 3}
+DEFAULT_EVOLVES = {"cpu": False, "cuda": True}
 
 
 class FibresOptions(DirectOptions):
@@ -33,6 +34,9 @@ class FibresOptions(DirectOptions):
     starts: Annotated[int, Field(ge=0, le=16)] | None = None
     """From how many single answers of the network lines that leave part of the image unexplained are searched for after
     that; each takes as long as a look. None: three on a GPU, none on a CPU."""
+    evolves: bool | None = None
+    """Whether places that many lines leave wrong have some evolve there, thousands of simulations each. None: on a GPU,
+    where that takes seconds; a CPU takes half a minute each time."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""
@@ -56,3 +60,7 @@ class FibresOptions(DirectOptions):
     def starts_on(self, device_type: str) -> int:
         """``starts``, or how many there are on a device."""
         return DEFAULT_STARTS[device_type] if self.starts is None else self.starts
+
+    def evolves_on(self, device_type: str) -> bool:
+        """``evolves``, or whether that is so on a device."""
+        return DEFAULT_EVOLVES[device_type] if self.evolves is None else self.evolves

@@ -3,14 +3,14 @@
 Where many lines lie on top of each other a search ends in one of many places, and which is luck: of crowded plates one
 in five ended 10 to 60 um off, another one in the next run. The mean of a network's answers is one start. Each answer in
 a symmetry is another, which errs elsewhere; a search from it is right in other places. Of both searches the lines that
-are better in each place are taken, and searched on from.
+are better in each place are taken, and searched on from. Before and after, lines evolve in places that stay wrong.
 """
 
 from collections.abc import Iterator
 from typing import Protocol
 
 from nets.reconstruct.fibres.search import Answer
-from nets.reconstruct.fibres.second_look import LOOKED_AT_SHARE, Run, network_here, searched_in
+from nets.reconstruct.fibres.second_look import LOOKED_AT_SHARE, Run, network_here, searched_in, tried
 from nets.reconstruct.posterior_samples import farthest
 
 FEWEST_LINES = 8
@@ -26,12 +26,32 @@ class CrowdRun(Run, Protocol):
     is_crowd: bool
 
 
-def start_elsewhere(run: CrowdRun, starts: int) -> bool:
+def evolve(run: CrowdRun) -> bool:
+    """Have lines evolve where places are wrong (:mod:`~nets.reconstruct.fibres.image_evolution`).
+
+    Args:
+        run: of which lines were found.
+
+    Returns:
+        Whether other lines were found.
+
+    Raises:
+        KeyboardInterrupt: the best lines so far are kept.
+    """
+    if len(run.lines) < FEWEST_LINES or not _is_open(run):
+        return False
+    is_better, _ = tried(run, lambda: run.search(run.lines, 1, evolves=True))
+    run.counters["evolved"] = run.counters.get("evolved", 0) + is_better
+    return is_better
+
+
+def start_elsewhere(run: CrowdRun, starts: int, evolves: bool = False) -> bool:
     """Search for lines from single answers of the network, while lines leave more than noise.
 
     Args:
         run: of which lines were found.
         starts: at most; those answers that lie farthest apart.
+        evolves: lines that are better evolve.
 
     Returns:
         Whether other lines were found.
@@ -43,7 +63,10 @@ def start_elsewhere(run: CrowdRun, starts: int) -> bool:
     if not starts or len(run.lines) < FEWEST_LINES or not _is_open(run):
         return False
     for answer in _answers(run, starts):
-        is_better = searched_in(run, answer, run.view.is_settled) or is_better
+        has_gained = searched_in(run, answer, run.view.is_settled)
+        if has_gained and evolves:
+            evolve(run)
+        is_better = is_better or has_gained
         run.counters["starts"] = run.counters.get("starts", 0) + 1
         if not _is_open(run):
             break

@@ -82,6 +82,7 @@ class LineSearch:
             None ends it.
         report: called after each evaluation with its loss; may raise.
         camera: whose blur is in the model; its channels lie together. None for a perfect one.
+        evolves: places that stay wrong have lines evolve (:mod:`~nets.reconstruct.fibres.image_evolution`).
     """
 
     def __init__(
@@ -100,9 +101,10 @@ class LineSearch:
         view: LinesView | None = None,
         report: Callable[[float], None] | None = None,
         camera: ChannelCamera | None = None,
+        evolves: bool = False,
     ):
         self.jumps, self.iterations, self.answer, self.view = jumps, iterations, answer, view
-        self.others = others
+        self.others, self.evolves = others, evolves
         self.finds_section, self.moves_section = finds_section, moves_section
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         """The best so far, shape [L, 6] [m]; stays when ``run`` is interrupted."""
@@ -233,11 +235,17 @@ class LineSearch:
     def _rebuild(self) -> None:
         """Build places anew where lines leave more than noise; what is better is seen at all pixels."""
         view, answer, fit = self.view, self.answer, self.fine
-        if view is None or answer is None or not view.is_near(self.lines) or not view.is_wrong_in_places(self.lines):
+        if view is None or answer is None or not view.is_wrong_in_places(self.lines):
+            return
+        if not (self.evolves or view.is_near(self.lines)):
             return
         kept, was, is_better = (self.lines, fit.model.shape), view.left(self.lines), False
         about = answer.relief_m, answer.spread_m, self.quick
-        found = rebuilt(fit, self.lines, *about, lambda lines: not view.is_wrong_in_places(lines))
+
+        def is_enough(lines: torch.Tensor) -> bool:
+            return not view.is_wrong_in_places(lines)
+
+        found = rebuilt(fit, self.lines, *about, is_enough, evolves=self.evolves)
         if found is None:
             return
         try:

@@ -50,7 +50,13 @@ class Run(ImageRun, Protocol):
         """Relief of the lines, and what it and the network's leave of the image."""
 
     def search(
-        self, start: torch.Tensor, jumps: int, answer: Answer | None = None, others: torch.Tensor | None = None
+        self,
+        start: torch.Tensor,
+        jumps: int,
+        answer: Answer | None = None,
+        others: torch.Tensor | None = None,
+        *,
+        evolves: bool = False,
     ) -> None:
         """Lines searched for from others."""
 
@@ -89,7 +95,7 @@ def _by_heights(run: Run, found: FloatArray) -> bool:
     if run.reason != "converged":
         return False
     answer = Answer(heights, torch.full_like(heights, HEIGHTS_SPREAD_M), run.most_lines)
-    is_better, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer))
+    is_better, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer))
     return is_better
 
 
@@ -120,10 +126,10 @@ def searched_in(run: Run, answer: Answer, is_enough: Callable[[torch.Tensor], bo
         if len(start):
             run.search(start, _jumps(run), answer)
 
-    is_better, other = _tried(run, anew)
+    is_better, other = tried(run, anew)
     if is_enough(run.lines):
         return is_better
-    is_joint, _ = _tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
+    is_joint, _ = tried(run, lambda: run.search(run.lines, _jumps(run), answer, other))
     return is_better or is_joint
 
 
@@ -139,7 +145,7 @@ def network_here(run: Run) -> Direct | None:
         return None
 
 
-def _tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
+def tried(run: Run, search: Callable[[], None]) -> tuple[bool, torch.Tensor]:
     """Keep the lines of a search if they are better; whether they are, and the lines that were not kept."""
     kept, was = (run.lines, run.model.shape, run.moves_section), run.left()[1]
     is_better = False

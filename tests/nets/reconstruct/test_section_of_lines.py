@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+import nets.reconstruct.fibres.section_of_lines as section_of_lines
 from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.section_of_lines import fit_with_section
+from nets.reconstruct.fibres.section_of_lines import fit_with_section, fit_with_section_or_bench
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.three_lines import LINES, SCENE
 from warp_caustics.prints.model import LineModel, Shape
@@ -90,3 +91,52 @@ def test_a_run_that_is_out_of_time_keeps_its_lines():
     with pytest.raises(KeyboardInterrupt):
         fit_with_section(run)
     assert run.lines is lines and run.model.shape == Shape() and not run.moves_section
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """A section that leaves 1.0 of the image, and what a bench leaves; lines of either are told by their first number."""
+
+    def section(run):
+        run.moves_section, run.lines = True, run.lines + 1
+
+    def ask(left_by_bench):
+        monkeypatch.setattr(section_of_lines, "fit_with_section", section)
+        view = SimpleNamespace(left=lambda lines: {1.0: 1.0, 2.0: left_by_bench}.get(float(lines[0]), 0.9))
+        about = dict.fromkeys(("numbers", "covariance", "counted", "asked"))
+        run = SimpleNamespace(
+            lines=torch.zeros(1), view=view, model=SimpleNamespace(shape=None), moves_section=False, bench=0, **about
+        )
+
+        def bench():
+            if left_by_bench is not None:
+                run.lines, run.bench = run.lines + 2, run.bench + 1
+
+        fit_with_section_or_bench(run, bench)
+        return run
+
+    return ask
+
+
+@pytest.mark.parametrize(
+    ("left_by_bench", "sum_of_numbers"),
+    [(0.95, 3.0), (1.0004, 3.0), (1.01, 3.0), (None, 1.0)],
+    ids=["bench", "as well", "section", "no bench"],
+)
+def test_both_are_asked_in_the_end(asked, left_by_bench, sum_of_numbers):
+    run = asked(left_by_bench)
+    assert run.moves_section and float(run.lines[0]) == sum_of_numbers
+
+
+@pytest.mark.parametrize(("left_by_bench", "first"), [(0.95, "bench"), (1.01, "section")])
+def test_what_leaves_less_has_the_first_word(asked, monkeypatch, left_by_bench, first):
+    order = []
+    put = section_of_lines._Found.put
+
+    def noted(found, run):
+        order.append("section" if found.moves_section else "before")
+        put(found, run)
+
+    monkeypatch.setattr(section_of_lines._Found, "put", noted)
+    asked(left_by_bench)
+    assert order == (["before"] if first == "bench" else ["before", "section"])
