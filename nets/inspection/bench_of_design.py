@@ -11,13 +11,13 @@ from functools import partial
 
 import torch
 
-from nets.reconstruct.fibres.beliefs import as_stated
-from nets.reconstruct.fibres.bench_and_light import SLANTS, Bench, bench_record, seen_on
-from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
-from nets.reconstruct.fibres.camera_of_lines import with_spread_of
-from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.line_posterior import JointCovariance, height_deviation
-from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.bench.bench_and_light import SLANTS, Bench, bench_record, seen_on
+from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
+from nets.reconstruct.fibres.bench.camera_of_lines import with_spread_of
+from nets.reconstruct.fibres.bench.line_posterior import JointCovariance, height_deviation
+from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.trust.beliefs import as_stated
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -46,7 +46,7 @@ class OnBench:
         view: the image on that bench.
         bench: its numbers and light.
         numbers: that it is told by.
-        covariance: of lines and bench together (:mod:`nets.reconstruct.fibres.line_posterior`).
+        covariance: of lines and bench together (:mod:`nets.reconstruct.fibres.bench.line_posterior`).
         asked: names of the numbers in it.
     """
 

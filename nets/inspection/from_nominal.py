@@ -31,11 +31,11 @@ from nets.inspection.lens_of_design import lens_of_design
 from nets.inspection.line_candidates import LineCandidates
 from nets.inspection.selection import MisfitMap, better_parts
 from nets.reconstruct import methods
-from nets.reconstruct.fibres.bench_and_light import as_measured
-from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.search import Answer
-from nets.reconstruct.fibres.uncertainty import (
+from nets.reconstruct.fibres.bench.bench_and_light import as_measured
+from nets.reconstruct.fibres.image.discrepancy import is_explained
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.search.line_search import Answer
+from nets.reconstruct.fibres.trust.uncertainty import (
     EXPLAINED_LINES,
     LINES,
     RELIEF,

@@ -3,8 +3,8 @@
 import torch
 
 from nets.inspection.bench_of_design import Fit
-from nets.reconstruct.fibres.camera_of_lines import SPREAD_ROUNDS, TELLING_SHARE, gain_of_spread, spread_asked
-from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.bench.camera_of_lines import SPREAD_ROUNDS, TELLING_SHARE, gain_of_spread, spread_asked
+from nets.reconstruct.fibres.image.lines_view import LinesView
 
 
 def lens_of_design(lines: torch.Tensor, view: LinesView, fit: Fit) -> tuple[torch.Tensor, LinesView]:

@@ -1,7 +1,7 @@
 """Reliefs made of lines, as candidates for a plate: of the design's lines, or of whatever lines a relief has.
 
 Lines are found in a relief by least squares (``warp_caustics.prints.fit_design``; without a design
-``warp_caustics.prints.vectorise``), and then fitted to the image (``nets.reconstruct.fibres.search``).
+``warp_caustics.prints.vectorise``), and then fitted to the image (``nets.reconstruct.fibres.search.line_search``).
 """
 
 from collections.abc import Callable, Sequence
@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.image_growth import grown
-from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.search import FINAL_ITERATIONS, ITERATIONS, Answer, LineSearch
-from nets.reconstruct.fibres.uncertainty import SPREADS
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.search.growth import grown
+from nets.reconstruct.fibres.search.line_search import FINAL_ITERATIONS, ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.trust.uncertainty import SPREADS
 from warp_caustics.inspection.nominal import Nominal
 from warp_caustics.prints.fit_design import FittedLine, fit_design
 from warp_caustics.prints.line import Line, line_relief

@@ -7,15 +7,25 @@ from typing import Any
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench_and_light import Bench, seen_on
-from nets.reconstruct.fibres.bench_fits import fit_with_bench, fit_with_gap, fit_with_light, fit_with_losses
-from nets.reconstruct.fibres.bench_of_lines import BenchOfLines, numbers_of_lines
-from nets.reconstruct.fibres.camera_of_lines import (
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
+from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench, fit_with_gap, fit_with_light, fit_with_losses
+from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
+from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_blurring_lens,
     fit_through_lens,
     with_spread_of,
 )
-from nets.reconstruct.fibres.curves_of_image import (
+from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.bench.section_of_lines import fit_with_section_or_bench
+from nets.reconstruct.fibres.fibres_of import FibresOf
+from nets.reconstruct.fibres.image.discrepancy import is_explained
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.lines_result import result_of
+from nets.reconstruct.fibres.search.line_search import ITERATIONS, Answer, LineSearch
+from nets.reconstruct.fibres.search.other_starts import evolve, start_elsewhere
+from nets.reconstruct.fibres.search.second_look import TAKEN_SHARE, look_again
+from nets.reconstruct.fibres.search.starting_lines import starting_lines
+from nets.reconstruct.fibres.shapes.curves_of_image import (
     MEETING_SHARE,
     CurvesOfImage,
     CurvesOnImage,
@@ -24,17 +34,7 @@ from nets.reconstruct.fibres.curves_of_image import (
     network_on,
     share_that_meet,
 )
-from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.line_posterior import JointCovariance
-from nets.reconstruct.fibres.lines_result import result_of
-from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.other_starts import evolve, start_elsewhere
-from nets.reconstruct.fibres.search import ITERATIONS, Answer, LineSearch
-from nets.reconstruct.fibres.second_look import TAKEN_SHARE, look_again
-from nets.reconstruct.fibres.section_of_lines import fit_with_section_or_bench
-from nets.reconstruct.fibres.starting_lines import starting_lines
-from nets.reconstruct.fibres.waves import WavyLines, waves_of
+from nets.reconstruct.fibres.shapes.waves import WavyLines, waves_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel

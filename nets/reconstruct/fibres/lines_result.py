@@ -8,21 +8,21 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nets.reconstruct.fibres.beliefs import as_stated, times_less_known
-from nets.reconstruct.fibres.bench_and_light import Bench, as_measured, bench_record, bench_warnings
-from nets.reconstruct.fibres.curves_of_image import CurvesOnImage
-from nets.reconstruct.fibres.curves_paths import paths_of
-from nets.reconstruct.fibres.discrepancy import is_explained
-from nets.reconstruct.fibres.line_posterior import (
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, as_measured, bench_record, bench_warnings
+from nets.reconstruct.fibres.bench.line_posterior import (
     JointCovariance,
     height_deviation,
     noise_covariance,
     with_line_samples,
 )
-from nets.reconstruct.fibres.lines_view import LinesView
-from nets.reconstruct.fibres.refined_lines import ImageRun, refined
-from nets.reconstruct.fibres.uncertainty import calibration_of, of_lines
-from nets.reconstruct.fibres.waves import WavyLines
+from nets.reconstruct.fibres.image.discrepancy import is_explained
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.image.refined_lines import ImageRun, refined
+from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOnImage
+from nets.reconstruct.fibres.shapes.curves_paths import paths_of
+from nets.reconstruct.fibres.shapes.waves import WavyLines
+from nets.reconstruct.fibres.trust.beliefs import as_stated, times_less_known
+from nets.reconstruct.fibres.trust.uncertainty import calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
 from warp_caustics.found_bench.bench_numbers import BenchNumbers

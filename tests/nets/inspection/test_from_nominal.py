@@ -9,10 +9,10 @@ import torch
 from nets.inspection.from_nominal import FromNominal, FromNominalOptions
 from nets.inspection.line_candidates import limits_around
 from nets.inspection.selection import MisfitMap, better_parts, parts
-from nets.reconstruct.fibres.bench_and_light import Bench, lit
-from nets.reconstruct.fibres.bench_of_lines import numbers_of_lines
-from nets.reconstruct.fibres.discrepancy import LARGEST_OF_NOISE, Discrepancy, is_explained
-from nets.reconstruct.fibres.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, lit
+from nets.reconstruct.fibres.bench.bench_of_lines import numbers_of_lines
+from nets.reconstruct.fibres.image.discrepancy import LARGEST_OF_NOISE, Discrepancy, is_explained
+from nets.reconstruct.fibres.trust.uncertainty import EXPLAINED_LINES, LINES, RELIEF, SPREADS, design_uncertainty
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.found_bench.bench_numbers import BenchNumbers

@@ -8,10 +8,10 @@ import torch
 
 from nets.inspection.lens_of_design import lens_of_design
 from nets.inspection.selection import WIDTH, MisfitMap
-from nets.reconstruct.fibres.image_fit import ImageFit
-from nets.reconstruct.fibres.lines_view import LinesView
+from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.cameras import blurring, through_lens
-from tests.nets.reconstruct.three_lines import LINES, SCENE, error_um
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread

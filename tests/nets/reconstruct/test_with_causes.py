@@ -6,7 +6,7 @@ import pytest
 import nets.reconstruct.with_causes as module
 from nets.reconstruct.with_causes import with_causes
 from tests.nets.reconstruct.exact_light import light_of
-from tests.nets.reconstruct.three_lines import LINES, SCENE
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.simulator import CausticSimulator

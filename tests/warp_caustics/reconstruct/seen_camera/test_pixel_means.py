@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.nets.reconstruct.three_lines import LINES, SCENE
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.extrapolated import ExtrapolatedCaustic, with_photons
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction

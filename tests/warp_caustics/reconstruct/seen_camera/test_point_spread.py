@@ -8,7 +8,7 @@ import scipy.ndimage
 import scipy.signal
 import torch
 
-from tests.nets.reconstruct.three_lines import LINES, SCENE
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera

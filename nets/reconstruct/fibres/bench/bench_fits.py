@@ -1,0 +1,391 @@
+"""What lines tell beside themselves: losses of light, its evenness, and the bench; the fewest numbers that explain it.
+
+Every number that is free has its share of an image's noise, and gap, base and index, which heights nearly make up for,
+have most of it: of a picture that only lies aside by half a pixel all numbers together make 1.5 and 2.6 um of heights
+on two own plates, by an index that is off by 0.0005 and 0.0025. A picture that lies aside, stray light or a lamp
+nearby are common, and each is told by itself. So numbers are asked in turn, more of them only where those so far leave
+more than noise.
+"""
+
+import dataclasses
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on
+from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines, with_valley
+from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
+from nets.reconstruct.fibres.fibres_of import FibresOf
+from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.losses_of_light import effects_of, with_losses
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.scene import Scene
+
+LATER = (("dispersion_scale", *SLANTS, *BEND_LIGHT), BEND_LIGHT)
+"""Numbers that are not asked at first, and not then."""
+BENCH_ROUNDS = 2
+"""In which bench and lines are found together, and lines then searched for on that bench."""
+BENCH_GAIN = 0.9
+"""A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
+AS_WELL = 1.002
+"""The same of fewer numbers, which explain an image as well."""
+LEAST_LARGER_PX = 0.03
+"""At the rim, by which a picture looks larger than it was told, for it to be asked whether it is."""
+AGAIN = 2
+"""Times that all numbers are asked once more while their score says so: gap, base and index go far in many steps."""
+ASKING = 3.0
+"""Standard deviations that the score of a bench must be away for it to be asked by lines that explain the image. Those
+of a plate on the bench that was told have 1.2."""
+BY_CHANCE = 0.05
+"""How often numbers that are as told may look other than told."""
+MOST = 0.5
+"""Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
+LIGHT_GAIN = 0.98
+"""What is left must fall by this factor, by least squares alone, for stray and uneven light to be asked: lines that are
+wrong leave some, too."""
+WIDTH = 0.05
+"""Residual, relative to the radiosity, from which on a pixel counts less, as in descents of lines."""
+
+
+class Run(Protocol):
+    """Lines of one image so far."""
+
+    method: FibresOf
+    model: LineModel
+    told: LinesView
+    lines: torch.Tensor
+    view: LinesView
+    bench: Bench
+    numbers: BenchNumbers
+    covariance: JointCovariance | None
+    counted: torch.Tensor
+    asked: Collection[str]
+    is_elsewhere: bool
+
+    def on(self, bench: Bench) -> LinesView:
+        """The image on a bench, with the camera that the lines tell there."""
+
+    def search(self, start: torch.Tensor, jumps: int) -> None:
+        """Lines searched for from others, shape [L, 6] [m]."""
+
+    def together(self, names: Collection[str] | None = None) -> BenchOfLines:
+        """Finds bench and lines with the camera so far, by some of the bench's numbers or all."""
+
+
+def in_turn(names: Collection[str]) -> list[tuple[str, ...]]:
+    """Numbers that are asked together, more each time, the last time all: what moves a picture, colours and slants too.
+
+    A slant and what moves a picture are one to lines that lie beside their place: from there all numbers together end
+    seven deviations away from a slant that is none.
+    """
+    last = len(names)
+    asked = [tuple(name for name in names if name not in later) for later in (*LATER, ())]
+    counts = [len(each) for each in asked]
+    return [each for each, after in zip(asked, [*counts[1:], last + 1], strict=True) if 0 < len(each) < after]
+
+
+def fit_with_losses(run: Run) -> None:
+    """Lines with losses of light, where they explain the image better: left out they look like another gap.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are as they were.
+    """
+    lossy = losses_shown(run)
+    if lossy == run.numbers.scene:
+        return
+
+    def fit() -> float:
+        run.numbers = dataclasses.replace(run.numbers, scene=lossy)
+        run.lines, _ = run.together().on(run.lines, run.bench)
+        run.view = run.on(run.bench)
+        return 1.0
+
+    _kept(run, fit)
+
+
+def fit_with_light(run: Run) -> None:
+    """Lines with light that is uneven, and stray light: what needs no other bench.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are as they were.
+    """
+    if not tells_light(run):
+        return
+
+    def fit() -> float:
+        run.lines, run.bench = run.together((AMBIENT,))(run.lines, run.bench)
+        run.view = run.on(run.bench)
+        return 1.0
+
+    _kept(run, fit)
+
+
+def fit_with_gap(run: Run) -> None:
+    """Lines with gap, base and index as one number, where that is significantly other than told.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are as they were.
+    """
+    if is_too_fine(run):
+        return
+    together = run.together()
+    found = GapOfLines(together)(run.lines, run.bench)
+    if found is None:
+        return
+
+    def fit() -> float:
+        run.lines, run.bench = together.on(*found)
+        run.view = run.on(run.bench)
+        _search_again(run)
+        return 1.0 if run.view.is_explained(run.lines) else BENCH_GAIN
+
+    if _kept(run, fit):
+        run.bench = together.with_sigma(run.bench, _told_by(run, together))
+
+
+def fit_with_bench(run: Run) -> None:
+    """Lines with the bench they tell, by as few of its numbers as explain the image.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are those of the last bench that explained it better.
+    """
+    together, left = None, in_turn(run.numbers.names)
+    every, again, has_tried = left[-1:], AGAIN, False
+    while left:
+        names, left = asked_next(run, left)
+        found = None if names is None else _fit_with_numbers(run, names)
+        together = found or together
+        if found is not None and not has_tried:
+            together, has_tried = _fit_with_picture(run) or together, True
+        if not left and again and found is not None and run.view.is_explained(run.lines) and not is_too_fine(run):
+            left, again = every, again - 1
+    if run.view.is_explained(run.lines):
+        if together is not None:
+            _fit_with_fewer(run, together)
+        if not set(BEND_LIGHT) & set(run.asked):
+            fit_with_gap(run)
+
+
+def is_first(run: Run) -> bool:
+    """Whether a bench was found without lines, and these were not asked for it yet."""
+    return run.is_elsewhere and run.covariance is None
+
+
+def is_too_fine(run: Run) -> bool:
+    """Whether gap, base and index show less in an image than a picture of another size is simulated wrong by.
+
+    That is 0.5 % of flat light. Three lines that left nothing but noise of a picture 1 % too large asked for a gap
+    27 um wider, by 133 squared deviations; a plate of the test bench was 15 um off on a base 0.2 mm thicker.
+    """
+    return run.numbers.is_picture and run.view.is_explained(run.lines)
+
+
+def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:
+    """Of sets of numbers the first that tells most of what all of them do, and those after it.
+
+    None where lines explain the image, and no bench would explain clearly more of it.
+    """
+    if is_first(run):
+        return some[0], list(some[1:])
+    if is_too_fine(run):
+        some = [names for names in some if not set(BEND_LIGHT) & set(names)]
+        if not some:
+            return None, []
+    evidence = run.together().evidence(run.lines, run.bench, some)
+    if run.view.is_explained(run.lines) and max(evidence) < ASKING**2:
+        return None, []
+    first = next(k for k, each in enumerate(evidence) if each >= MOST * max(evidence))
+    return some[first], list(some[first + 1 :])
+
+
+def losses_shown(run: Run) -> Scene:
+    """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
+    image = seen_on(run.told.image, run.numbers, run.bench)
+    scene = with_losses(run.view.scene, partial(_misfit, run, image))
+    return run.numbers.scene.model_copy(update=effects_of(scene))
+
+
+def tells_light(run: Run) -> bool:
+    """Whether clearly less is left of the image with stray light and light that is uneven, by least squares alone."""
+    view, seen = run.view, run.view.discrepancy.whole
+    if seen.noise is None:
+        return False
+    picture = view.discrepancy.picture(view.relief(run.lines))
+    modes = torch.from_numpy(field_modes(picture.shape[0], picture.shape[-1])).to(picture)
+    rows = torch.cat((modes * picture, torch.ones_like(picture)[None]))
+    weight = seen.weight / (((seen.irradiance - picture) / WIDTH).square() + 1).sqrt()
+    weighted = (rows * weight).flatten(1).double()
+    normal, right = weighted @ rows.flatten(1).T.double(), weighted @ (seen.irradiance - picture).flatten().double()
+    ridge = torch.diag(1e-9 * normal.diagonal())
+    change = torch.tensordot(torch.linalg.solve(normal + ridge, right).to(rows), rows, 1)
+    was, now = seen.discrepancy(picture), seen.discrepancy(picture + change)
+    return was is not None and now is not None and now < LIGHT_GAIN * was
+
+
+def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
+    """Lines with some numbers of the bench, where that explains the image better; what found them, or None."""
+    has_valley, found = bool(set(BEND_LIGHT) & set(names)), None
+    for _ in range(BENCH_ROUNDS if has_valley else 1):
+        made: list[BenchOfLines] = []
+
+        def fit(made: list[BenchOfLines] = made) -> float:
+            run.numbers = dataclasses.replace(run.numbers, scene=losses_shown(run))
+            together = run.together(names)
+            made.append(together)
+            before, view = run.lines, run.view
+            run.lines, run.bench = with_valley(together, run.lines, run.bench)
+            run.view = run.on(run.bench)
+            was, now = view.left(before), run.view.left(run.lines)
+            enough = _enough(run, view.is_explained(before))
+            if not has_valley and (was is None or now is None or not now < enough * was):
+                return 0.0
+            _search_again(run)
+            return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
+
+        if not _kept(run, fit):
+            break
+        found = made[0]
+        _told_by(run, found)
+        if run.view.is_explained(run.lines):
+            break
+    return found
+
+
+def _search_again(run: Run) -> None:
+    """Lines searched for once more where they leave more than noise, in the mean or somewhere; the better are kept.
+
+    On another bench a line may end elsewhere that did not, or went beyond the plate, on the one it was found on: one of
+    eleven whose end lay outside left noise in the mean, and by 0.4 % of uneven light all others were 1 um off.
+    """
+    if run.view.is_settled(run.lines):
+        return
+    kept, was = (run.lines, run.model.shape), run.view.left(run.lines)
+    run.search(run.lines, 1)
+    now = run.view.left(run.lines)
+    if was is not None and now is not None and now >= was:
+        run.lines, run.model.shape = kept
+
+
+def _enough(run: Run, is_explained: bool) -> float:
+    """Factor by which what is left must fall for a bench to be kept, if with it lines still leave as much as before.
+
+    Where they left hardly more than noise, by what the score must be for it to be asked.
+    """
+    if is_first(run):
+        return 1.0
+    counted = float((run.view.discrepancy.whole.weight > 0).sum())
+    return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0)) if is_explained else BENCH_GAIN
+
+
+def _fit_with_picture(run: Run) -> BenchOfLines | None:
+    """Lines in a picture that is too large, in place of one of a lamp nearby, where that leaves less; what found them.
+
+    A picture that is brought back by resampling is off by more than what tells both apart, so that heights never saw
+    it; what lines are compared with is brought back, too.
+    """
+    pictures, vergence = run.numbers.of_picture(), run.bench.values.get(VERGENCE, 0.0)
+    if pictures is None or run.numbers.is_picture or vergence <= 0:
+        return None
+    told = Bench.told(pictures)
+    start = dataclasses.replace(told, values={**told.values, VERGENCE: vergence})
+    if (pictures.picture_size(start.values) - 1) * pictures.scene.image_pixels / 2 < LEAST_LARGER_PX:
+        return None
+    made: list[BenchOfLines] = []
+
+    def fit() -> float:
+        run.numbers = pictures
+        run.view = run.on(start)
+        made.append(run.together(in_turn(pictures.names)[0]))
+        run.lines, run.bench = made[0](run.lines, start)
+        run.view = run.on(run.bench)
+        _search_again(run)
+        return 1.0
+
+    if not _kept(run, fit):
+        return None
+    _told_by(run, made[0])
+    is_done = run.view.is_explained(run.lines)
+    return made[0] if is_done else _fit_with_numbers(run, pictures.names) or made[0]
+
+
+def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:
+    """Lines with the numbers that differ from what was told, and all others as told, where that explains the image."""
+    assert run.covariance is not None
+    names = together.numbers.names
+    differ = differing(together, run.bench, run.covariance)
+    if len(differ) == len(names):
+        return
+    told = {name: run.numbers.before[name] for name in names if name not in differ}
+    fewer, sigma = run.together(differ), run.bench.sigma
+
+    def fit() -> float:
+        start = dataclasses.replace(run.bench, values={**run.bench.values, **told})
+        run.lines, run.bench = fewer(run.lines, start)
+        run.view = run.on(run.bench)
+        return AS_WELL if run.view.is_explained(run.lines) else 0.0
+
+    if _kept(run, fit):
+        _told_by(run, fewer)
+        run.bench = dataclasses.replace(run.bench, sigma={**sigma, **run.bench.sigma})
+
+
+def differing(together: BenchOfLines, bench: Bench, covariance: JointCovariance) -> tuple[str, ...]:
+    """Numbers of a bench that differ from what was told by more than they are known to, all others taken together.
+
+    The Wald test of those that are as told: d^T C^-1 d of their differences d and covariance C stays below what chi^2
+    of as many exceeds once in twenty times; they are gathered one by one, the least first.
+
+    Args:
+        together: of whose numbers.
+        bench: that was found.
+        covariance: of lines and bench.
+    """
+    numbers = together.numbers
+    first = len(covariance.matrix) - together.n_beside
+    widths = np.array([p.prior for p in numbers.parameters])
+    apart = np.array([bench.values[name] - numbers.before[name] for name in numbers.names]) / widths
+    block = covariance.matrix[first : first + len(widths), first : first + len(widths)]
+    as_told: list[int] = []
+    while len(as_told) < len(widths):
+        tried = [[*as_told, k] for k in range(len(widths)) if k not in as_told]
+        far = [float(apart[each] @ np.linalg.pinv(block[np.ix_(each, each)]) @ apart[each]) for each in tried]
+        least = int(np.argmin(far))
+        if far[least] > scipy.special.chdtri(len(tried[least]), BY_CHANCE):
+            break
+        as_told = tried[least]
+    return tuple(name for k, name in enumerate(numbers.names) if k not in as_told)
+
+
+def _told_by(run: Run, together: BenchOfLines) -> JointCovariance:
+    """The covariance of lines and bench that were found together, which is that of these numbers from now on."""
+    covariance = together.covariance(run.lines, run.bench)
+    run.covariance, run.counted, run.asked = covariance, run.lines, together.numbers.names
+    return covariance
+
+
+def _kept(run: Run, fit: Callable[[], float]) -> bool:
+    """Change a run, and change it back unless what is left of the image falls below so much of what was, as is told."""
+    kept = run.lines, run.view, run.bench, run.numbers, run.model.shape
+    is_kept = False
+    try:
+        enough = fit()
+        was, now = kept[1].left(kept[0]), run.view.left(run.lines)
+        is_kept = was is not None and now is not None and now < enough * was
+    finally:
+        if not is_kept:
+            run.lines, run.view, run.bench, run.numbers, run.model.shape = kept
+    return is_kept
+
+
+def _misfit(run: Run, image: CausticImage, scene: Scene) -> float:
+    """Of the lines so far in a scene, at its exposure."""
+    fit = ImageFit(scene, image, run.model, scene.image_pixels, camera=run.view.camera)
+    return fit.loss(run.model.heights(run.lines), at_exposure=True)

@@ -1,0 +1,166 @@
+"""Pieces of one line joined.
+
+Where lines cross in a crowd a search often finds one in two pieces, equally wide and high to three digits, and fills
+the gap between them with something else that explains its light nearly as well. No small step leads from there to the
+whole line; that pieces lie along one line tells that there is one.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import torch
+
+from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.search.ends import SHORT_M, ends_moved
+from nets.reconstruct.fibres.search.growth import REMOVED_LINE_FACTOR
+from warp_caustics.prints.model import HEIGHT, WIDTH
+
+OFF_LINE = 0.15
+"""How far ends of pieces may lie off their common line, relative to the smaller width."""
+ALIKE_FACTOR = 1.2
+"""By which widths and heights of pieces may differ."""
+OVERLAP_M = 2e-3
+"""How far pieces may lie on top of each other [m]."""
+NEAR_M = 4e-3
+"""Gaps whose middles are as near as this may be filled together [m]: what is wrong at one is wrong at the others."""
+BESIDE_M = 1.5e-3
+"""How far from a gap middles of short lines may lie that filled it [m]."""
+ROUNDS = 4
+"""In which pieces are looked for anew, at most."""
+TRIED = 5
+"""Of the ways to join pieces in a round, those that explain the image best as they are."""
+TRIAL_ITERATIONS = 8
+"""Of L-BFGS after pieces were joined."""
+GIVEN_UP_FACTOR = 2.0
+"""What raises the misfit by this factor before anything has moved is not followed."""
+
+
+class Gap(NamedTuple):
+    """Between two pieces that may be one line: their indices, its middle [m], shape [2], and half its length [m]."""
+
+    pair: tuple[int, int]
+    middle: torch.Tensor
+    half_m: float
+
+
+def with_joins(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None = None) -> Fitted:
+    """Lines with pieces joined where the image allows it: each line less may raise the misfit as if it were removed.
+
+    Args:
+        fit: judges.
+        lines: shape [L, 6] [m].
+        quick: says which of all ways are tried; ``fit`` if None.
+    """
+    best = Fitted(lines, fit.loss(fit.model.heights(lines)))
+    for _ in range(ROUNDS):
+        found = _joined_once(fit, best, quick or fit)
+        if found is None:
+            break
+        best = found
+    return best
+
+
+def _joined_once(fit: ImageFit, before: Fitted, quick: ImageFit) -> Fitted | None:
+    """After the first of the ways to join pieces that the image allows; None where it allows none."""
+    ways = list(ways_to_join(before.lines))
+    if not ways:
+        return None
+    heights = [fit.model.heights(lines) for lines in (before.lines, *(way for way, _ in ways))]
+    now, *losses = quick.losses(torch.stack(heights))
+    tried = sorted((loss, number) for number, loss in enumerate(losses))[:TRIED]
+    found = [(loss, ways[number][0]) for loss, number in tried]
+    for _, number in tried:
+        # Where lines meet, those that end there have given way to the pieces.
+        found += ends_moved(quick, *ways[number])
+    for loss, lines in sorted(found, key=lambda each: each[0])[:TRIED]:
+        if loss > GIVEN_UP_FACTOR * now:
+            break
+        joined = fit.descend(lines, TRIAL_ITERATIONS)
+        if joined.loss < before.loss * REMOVED_LINE_FACTOR ** (len(before.lines) - len(lines)):
+            return joined
+    return None
+
+
+def gaps_between(lines: torch.Tensor) -> list[Gap]:
+    """Gaps between lines [L, 6] [m] that may be pieces of one."""
+    found = []
+    ratios = lines[:, None, WIDTH:] / lines[None, :, WIDTH:]
+    alike = torch.maximum(ratios, 1 / ratios).amax(-1) <= ALIKE_FACTOR
+    for i, j in alike.triu(1).nonzero().tolist():
+        first, second = lines[i], lines[j]
+        ends = torch.cat([first[:4].reshape(2, 2), second[:4].reshape(2, 2)])
+        along, off = _along(ends)
+        if float(off.max()) > OFF_LINE * float(torch.minimum(first[WIDTH], second[WIDTH])):
+            continue
+        low, high = along.reshape(2, 2).amin(1), along.reshape(2, 2).amax(1)
+        gap = float(low.max() - high.min())
+        if gap < -OVERLAP_M:
+            continue
+        inner = ends[[int((along - at).abs().argmin()) for at in (low.max(), high.min())]]
+        found.append(Gap((i, j), inner.mean(0), max(gap, 0.0) / 2))
+    return found
+
+
+def _along(ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Of points [P, 2] the places along the line through the two farthest, and distances from it [m], shape [P]."""
+    apart = torch.cdist(ends, ends)
+    i, j = divmod(int(apart.argmax()), len(ends))
+    direction = (ends[j] - ends[i]) / apart[i, j].clamp_min(1e-12)
+    beside = torch.stack([-direction[1], direction[0]])
+    return (ends - ends[i]) @ direction, ((ends - ends[i]) @ beside).abs()
+
+
+def whole(pieces: torch.Tensor) -> torch.Tensor:
+    """The line [6] [m] that pieces [K, 6] [m] belong to: as long as all, as wide and high as most of it."""
+    ends = pieces[:, :4].reshape(-1, 2)
+    along, _ = _along(ends)
+    lengths = (pieces[:, 2:4] - pieces[:, :2]).norm(dim=1).clamp_min(1e-9)
+    size = (pieces[:, [WIDTH, HEIGHT]] * lengths[:, None]).sum(0) / lengths.sum()
+    return torch.cat([ends[int(along.argmin())], ends[int(along.argmax())], size])
+
+
+def ways_to_join(lines: torch.Tensor) -> Iterator[tuple[torch.Tensor, tuple[float, float]]]:
+    """Ways to join pieces: lines [M, 6] [m], and where a gap was [m].
+
+    Gap by gap, those near each other together, and all of them; each with short lines at the gaps, and without.
+    """
+    gaps = gaps_between(lines)
+    together = [_near(gaps, gap) for gap in gaps]
+    seen = set()
+    for some in [[gap] for gap in gaps] + together + [gaps]:
+        key = frozenset(gap.pair for gap in some)
+        if not some or key in seen:
+            continue
+        seen.add(key)
+        fillers = _fillers(lines, some)
+        x, y = some[0].middle.tolist()
+        yield _joined(lines, some, set()), (x, y)
+        if fillers:
+            yield _joined(lines, some, fillers), (x, y)
+
+
+def _near(gaps: Sequence[Gap], to: Gap) -> list[Gap]:
+    return [gap for gap in gaps if float((gap.middle - to.middle).norm()) <= NEAR_M]
+
+
+def _fillers(lines: torch.Tensor, gaps: Sequence[Gap]) -> set[int]:
+    """Indices of short lines at gaps, beside the pieces themselves."""
+    pieces = {k for gap in gaps for k in gap.pair}
+    short = (lines[:, 2:4] - lines[:, :2]).norm(dim=1) < SHORT_M
+    middles = (lines[:, :2] + lines[:, 2:4]) / 2
+    return {
+        k
+        for gap in gaps
+        for k in range(len(lines))
+        if short[k] and k not in pieces and float((middles[k] - gap.middle).norm()) <= gap.half_m + BESIDE_M
+    }
+
+
+def _joined(lines: torch.Tensor, gaps: Sequence[Gap], left_out: set[int]) -> torch.Tensor:
+    groups: list[set[int]] = []
+    for gap in gaps:
+        touched = [group for group in groups if group & set(gap.pair)]
+        groups = [group for group in groups if group not in touched] + [set(gap.pair).union(*touched)]
+    gone = left_out.union(*groups)
+    kept = [lines[k] for k in range(len(lines)) if k not in gone]
+    return torch.stack(kept + [whole(lines[sorted(group)]) for group in groups])

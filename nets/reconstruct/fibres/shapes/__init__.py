@@ -1,0 +1,1 @@
+"""Lines that are not straight and alike: waves along them, corners and curves."""

@@ -1,0 +1,1 @@
+"""How wrong lines may be."""

@@ -1,0 +1,111 @@
+"""What lines and a bench that were found together leave open, as it is stated.
+
+A bench is looked for with wide beliefs, so that it can be found far away, and in units in which a hundred pixels err
+together. What is stated afterwards is another question:
+
+- gap, base and index bend light by one factor, so that the image hardly says which of the three is other. Each is
+  believed as of a careful user; if what was found of them lies S of their deviations away, all three are S times less
+  well known (the Birge ratio, as in :mod:`warp_caustics.found_bench.care`): a gap that is found 58 um wider where 10 um
+  are believed may as well be a base.
+- what is not noise errs together, and noise does not.
+"""
+
+import dataclasses
+import math
+from collections.abc import Collection, Mapping
+
+import numpy as np
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
+from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, SHAPE_WIDTHS, JointCovariance
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.shapes.waves import noise_of
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_uncertainty import careful_widths
+
+USUAL_NOISE = 0.02
+"""Of a pixel, in units of the radiosity, at which a hundred were seen to err together; what is more is noise."""
+
+
+def times_less_known(numbers: BenchNumbers, bench: Bench) -> float:
+    """S, at least 1: how far gap, base and index are from what was told, in deviations of a careful user.
+
+    Args:
+        numbers: of the bench as it is told, with what is known of them.
+        bench: that was found.
+    """
+    widths = careful_widths(numbers.scene) | {name: width for name, width in numbers.told_widths.items() if width > 0}
+    apart = [(bench.values[name] - numbers.before[name]) / widths[name] for name in BEND_LIGHT if name in bench.values]
+    return max(1.0, math.sqrt(sum(each**2 for each in apart)))
+
+
+def stated_widths(numbers: BenchNumbers, bench: Bench) -> dict[str, float]:
+    """Standard deviations of gap, base and index before the image is seen, by name; none that the user has told."""
+    times, widths = times_less_known(numbers, bench), careful_widths(numbers.scene)
+    return {name: times * widths[name] for name in BEND_LIGHT if name not in numbers.told_widths}
+
+
+def independent_share(noise: float, left: float) -> float:
+    """By how much more an image tells than if a hundred pixels erred together in all of what is left of it, 1 to 100.
+
+    Args:
+        noise: standard deviation of a pixel, in units of the radiosity.
+        left: what lines leave of the image, in units of the noise.
+    """
+    whole = (max(left, 1.0) * noise) ** 2
+    alone = max(0.0, noise**2 - USUAL_NOISE**2)
+    return CORRELATED_PX * whole / (CORRELATED_PX * (whole - alone) + alone) if alone else 1.0
+
+
+def as_stated(
+    covariance: JointCovariance,
+    lines: torch.Tensor,
+    view: LinesView,
+    numbers: BenchNumbers,
+    asked: Collection[str],
+    bench: Bench,
+) -> JointCovariance:
+    """A covariance of lines and bench as it is stated.
+
+    Args:
+        covariance: as lines and bench were found.
+        lines: shape [L, 6] [m].
+        view: the image on that bench.
+        numbers: of the bench as it is told, with what is known of them.
+        asked: names of those that were found with the lines.
+        bench: that was found.
+    """
+    found = numbers.only(asked)
+    n_beside = len(found.parameters) + len(bench.field)
+    share = independent_share(noise_of(view), view.left(lines) or 1.0)
+    return as_believed(covariance, found, stated_widths(numbers, bench), n_beside, share)
+
+
+def as_believed(
+    covariance: JointCovariance, numbers: BenchNumbers, widths: Mapping[str, float], n_beside: int, share: float = 1.0
+) -> JointCovariance:
+    """A covariance of lines and bench with other beliefs: C'^-1 = k (C^-1 - B) + B', of which B is diagonal.
+
+    Args:
+        covariance: of lines and what is beside them, the numbers first.
+        numbers: those that were asked, with the beliefs B that they were looked for with.
+        widths: of B' where they are others, by name.
+        n_beside: how many numbers are beside the lines.
+        share: k, of :func:`independent_share`.
+    """
+    size = len(covariance.matrix)
+    first = size - n_beside
+    before = np.zeros(size)
+    before[first:] = 1.0
+    of_shape = first - len(covariance.places)
+    before[of_shape:first] = [SHAPE_WIDTHS[place] ** -2 for place in covariance.places]
+    after = before.copy()
+    for number, p in enumerate(numbers.parameters):
+        if p.name in widths:
+            after[first + number] = (p.prior / widths[p.name]) ** 2
+    # Lengths are micrometres, numbers of the bench widths: the inverse is that of the correlations.
+    scale = np.sqrt(np.maximum(np.diag(covariance.matrix), 1e-30))
+    information = np.linalg.inv(covariance.matrix / np.outer(scale, scale))
+    changed = share * information + np.diag((after - share * before) * scale**2)
+    return dataclasses.replace(covariance, matrix=np.linalg.inv(changed) * np.outer(scale, scale))
