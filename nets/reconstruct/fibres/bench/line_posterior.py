@@ -17,9 +17,9 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image.descent_numbers import by_shape, moving
-from nets.reconstruct.fibres.image.image_fit import METRIC_PHOTONS_PER_PIXEL, Beside, ImageFit
+from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.posterior_samples import samples_of
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import Reconstruction
@@ -97,14 +97,12 @@ def noise_covariance(view: LinesView, lines: torch.Tensor, *, with_section: bool
     left, image = view.left(lines), view.image_with_noise
     if left is None or image.noise_std is None:
         return None
-    channel = clearest_wavelength(image, view.scene)
-    one, told = of_wavelength(image, view.scene, channel)
-    few = usual_pixels(view.scene)
-    camera = view.camera.of_channel(channel)
-    fit = ImageFit(told, one, view.model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
-    assert one.noise_std is not None
+    few, one = usual_pixels(view.scene), OneWavelength.clearest(image, view.scene, view.camera)
+    fit = one.metric(view.model, few)
+    assert one.image.noise_std is not None
+    white = float(np.asarray(one.image.noise_std).mean()) / one.scene.radiosity_W_m2[0]
     # Means over so many pixels, and their noise; for less than the width the loss is r^2 / (2 width).
-    noise = left * float(np.asarray(one.noise_std).mean()) / told.radiosity_W_m2[0] * few / view.scene.image_pixels
+    noise = left * white * few / view.scene.image_pixels
     alike = view.scene.n_wavelengths * float((fit.measurement.weight > 0).sum())
     return joint_covariance(fit, lines, None, noise**2 / fit.width / alike, with_section=with_section)
 

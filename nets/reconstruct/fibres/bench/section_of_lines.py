@@ -17,9 +17,9 @@ import torch
 from nets.reconstruct.fibres.bench.bench_and_light import Bench
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, ImageFit
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.pyramid import usual_pixels
@@ -131,11 +131,5 @@ def fit_with_section(run: Run) -> None:
 
 def _few(run: Run) -> ImageFit:
     """The misfit at few pixels of the clearest wavelength, through the camera that was found."""
-    view = run.view
-    channel = clearest_wavelength(view.image, view.scene)
-    image, scene = of_wavelength(view.image, view.scene, channel)
-    size, camera = usual_pixels(view.scene), view.camera.of_channel(channel)
-    about = scene, image, run.model
-    metric = ImageFit(*about, size // 2, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
-    photons = FINE_PHOTONS_PER_PIXEL
-    return ImageFit(*about, size, photons_per_pixel=photons, report=run.note, metric=metric, camera=camera)
+    size, one = usual_pixels(run.view.scene), OneWavelength.clearest(run.view.image, run.view.scene, run.view.camera)
+    return one.fit(run.model, size, report=run.note, metric=one.metric(run.model, size // 2))

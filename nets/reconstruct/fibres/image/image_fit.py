@@ -40,6 +40,8 @@ BORDER_PIXELS = 1
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
+FEW_PHOTONS_PER_PIXEL = 16
+"""On the fewest pixels."""
 EXTRAPOLATED = 4
 """Times as many photons tell what a lattice is off by."""
 METRIC_PHOTONS_PER_PIXEL = 4
@@ -109,7 +111,7 @@ class ImageFit:
         model: LineModel,
         pixels: int,
         width: float = 0.05,
-        photons_per_pixel: int = 16,
+        photons_per_pixel: int = FEW_PHOTONS_PER_PIXEL,
         report: Callable[[float], None] | None = None,
         metric: "ImageFit | None" = None,
         camera: ChannelCamera | None = None,

@@ -1,8 +1,14 @@
 """One wavelength of an image: it tells which lines there are, and nearly where, for a part of the time of all."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
+from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, ImageFit
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 
 
@@ -31,3 +37,52 @@ def of_wavelength(image: CausticImage, scene: Scene, channel: int) -> tuple[Caus
     )
     update = {"wavelengths_m": (scene.wavelengths_m[channel],), "radiosity_W_m2": (scene.radiosity_W_m2[channel],)}
     return one, scene.model_copy(update=update)
+
+
+@dataclass(frozen=True, eq=False)
+class OneWavelength:
+    """What the clearest wavelength shows of an image.
+
+    Attributes:
+        channel: which it is.
+        scene: of it alone.
+        image: what was measured.
+        camera: whose blur is in the misfit.
+    """
+
+    channel: int
+    scene: Scene
+    image: CausticImage
+    camera: ChannelCamera
+
+    @classmethod
+    def clearest(cls, image: CausticImage, scene: Scene, camera: ChannelCamera) -> "OneWavelength":
+        """Of an image, its scene and camera."""
+        channel = clearest_wavelength(image, scene)
+        seen, told = of_wavelength(image, scene, channel)
+        return cls(channel, told, seen, camera.of_channel(channel))
+
+    def fit(
+        self,
+        model: LineModel,
+        pixels: int,
+        *,
+        photons_per_pixel: int = FINE_PHOTONS_PER_PIXEL,
+        report: Callable[[float], None] | None = None,
+        metric: ImageFit | None = None,
+    ) -> ImageFit:
+        """The misfit of lines at so many pixels; see :class:`~nets.reconstruct.fibres.image.image_fit.ImageFit`."""
+        return ImageFit(
+            self.scene,
+            self.image,
+            model,
+            pixels,
+            photons_per_pixel=photons_per_pixel,
+            report=report,
+            metric=metric,
+            camera=self.camera,
+        )
+
+    def metric(self, model: LineModel, pixels: int) -> ImageFit:
+        """The same of few photons, whose differences make the metric of a descent."""
+        return self.fit(model, pixels, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL)

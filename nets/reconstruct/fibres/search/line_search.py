@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, Fitted, ImageFit
+from nets.reconstruct.fibres.image.image_fit import FEW_PHOTONS_PER_PIXEL, FINE_PHOTONS_PER_PIXEL, Fitted, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.search.ends import with_moved_ends
 from nets.reconstruct.fibres.search.exchange import exchanged
 from nets.reconstruct.fibres.search.growth import grown, pruned
@@ -112,32 +112,26 @@ class LineSearch:
         """Whether lines were left because they leave more of the image than the network's relief."""
 
         # One wavelength tells which lines there are, and nearly where; all of them tell better where.
-        clearest = clearest_wavelength(image, scene)
-        seen, told = of_wavelength(image, scene, clearest)
         camera = camera or ChannelCamera.perfect(scene.n_wavelengths, scene.image_pixels)
+        one = OneWavelength.clearest(image, scene, camera)
         is_halved = pixels % 2 == 0 and pixels // 2 >= scene.height_samples
         few = pixels // 2 if is_halved else pixels
-        one = camera.of_channel(clearest)
-        metric = ImageFit(told, seen, model, few, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=one)
-
-        def finely(scene: Scene, image: CausticImage, size: int, camera: ChannelCamera) -> ImageFit:
-            return ImageFit(
-                scene,
-                image,
-                model,
-                size,
-                photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
-                report=report,
-                metric=metric,
-                camera=camera,
-            )
-
-        self.coarse = self.fine = finely(told, seen, pixels, one)
+        metric = one.metric(model, few)
+        self.coarse = self.fine = one.fit(model, pixels, report=report, metric=metric)
         if is_halved:
-            self.coarse = ImageFit(told, seen, model, few, report=report, metric=metric, camera=one)
+            self.coarse = one.fit(model, few, photons_per_pixel=FEW_PHOTONS_PER_PIXEL, report=report, metric=metric)
         self.quick = self.coarse if model.device.type == "cpu" else self.fine
         """Ranks what is tried by the hundred; a GPU has time for more pixels."""
-        self.last = finely(scene, image, scene.image_pixels, camera)
+        self.last = ImageFit(
+            scene,
+            image,
+            model,
+            scene.image_pixels,
+            photons_per_pixel=FINE_PHOTONS_PER_PIXEL,
+            report=report,
+            metric=metric,
+            camera=camera,
+        )
         """All there is, without the lattice's own error."""
 
     def run(self, start: torch.Tensor) -> torch.Tensor:

@@ -16,7 +16,7 @@ from nets.reconstruct.fibres.image.descent_numbers import reshaped_widths
 from nets.reconstruct.fibres.image.discrepancy import FAR_OF_NOISE
 from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.search.starting_lines import MANY, WELL_TOLD
 from nets.reconstruct.fibres.shapes.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.fibres.shapes.waves import noise_of
@@ -116,9 +116,8 @@ class CurvesOfImage:
         self.finds_section = method.finds_section
         self.noise = noise_of(view)
         image, scene = view.image, view.scene
-        channel = clearest_wavelength(image, scene)
-        one, told = of_wavelength(image, scene, channel)
-        self.few = self._fit(told, one, usual_pixels(scene), view.camera.of_channel(channel))
+        one = OneWavelength.clearest(image, scene, view.camera)
+        self.few = one.fit(model, usual_pixels(scene), report=report)
         self.moves_section = False
 
     def _fit(self, scene: Scene, image: CausticImage, pixels: int, camera: ChannelCamera) -> ImageFit:

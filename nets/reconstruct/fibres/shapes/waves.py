@@ -12,16 +12,13 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, ImageFit
+from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
+from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.shapes.beside_waves import FACTOR, ROUNDS, Beside, BesideWaves, counted, mended
 from warp_caustics.prints.model import LINE_COLUMNS, LineModel
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
-from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.pyramid import usual_pixels
-from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
-from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
 THICKNESS, ASIDE_M = 0.03, 4e-5
@@ -111,28 +108,20 @@ def waves_of(run: Run) -> WavyLines | None:
     if view.is_explained(run.lines) or left > ALSO_TRIED * of_network:
         return None
     image = view.image
-    channel = clearest_wavelength(image, view.scene)
-    one, told = of_wavelength(image, view.scene, channel)
-
-    def finely(scene: Scene, seen: CausticImage, pixels: int, camera: ChannelCamera) -> ImageFit:
-        about = scene, seen, run.model, pixels
-        return ImageFit(*about, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, camera=camera)
-
-    size, camera = usual_pixels(view.scene), view.camera.of_channel(channel)
-    few = finely(told, one, size, camera)
+    size, one = usual_pixels(view.scene), OneWavelength.clearest(image, view.scene, view.camera)
+    few = one.fit(run.model, size, report=run.note)
     found = with_waves(few, straight(run.model, run.lines), FEW_ITERATIONS, noise)
     if not view.resimulation(view.glass(found.heights)).residual < WAVES_FACTOR * left:
         return None
 
     def beside(added_m: torch.Tensor) -> tuple[ImageFit, ImageFit]:
-        model, report = BesideWaves(run.model, added_m), run.note
-        about = told, one, model
-        quick = ImageFit(*about, size // 2, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL, camera=camera)
-        photons = FINE_PHOTONS_PER_PIXEL
-        return ImageFit(*about, size, photons_per_pixel=photons, report=report, metric=quick, camera=camera), quick
+        model = BesideWaves(run.model, added_m)
+        quick = one.metric(model, size // 2)
+        return one.fit(model, size, report=run.note, metric=quick), quick
 
     found = with_mended_lines(few, found, noise, beside)
-    fine = finely(view.scene, image, view.scene.image_pixels, view.camera)
+    every = view.scene, image, run.model, view.scene.image_pixels
+    fine = ImageFit(*every, photons_per_pixel=FINE_PHOTONS_PER_PIXEL, report=run.note, camera=view.camera)
     fine.correct_at(found.heights)
     return with_waves(fine, found, ALL_ITERATIONS, noise)
 
