@@ -44,8 +44,8 @@ def with_moved_ends(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None =
     for place in worst_places(fit, fit.model.heights(lines), PLACES):
         ways = [
             (loss, moved)
-            for left_out in _left_out(best.lines, place)
-            for loss, moved in ends_moved(quick, _without(best.lines, left_out), place)
+            for left_out in left_out_at(best.lines, place)
+            for loss, moved in ends_moved(quick, without(best.lines, left_out), place)
         ]
         before, now = best, quick.loss(fit.model.heights(best.lines))
         for loss, moved in sorted(ways, key=lambda way: way[0])[:TRIED]:
@@ -58,7 +58,7 @@ def with_moved_ends(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None =
     return best
 
 
-def _left_out(lines: torch.Tensor, place: tuple[float, float]) -> list[list[int]]:
+def left_out_at(lines: torch.Tensor, place: tuple[float, float]) -> list[list[int]]:
     """No line, and all short ones at a place, if there are any."""
     lengths = (lines[:, 2:4] - lines[:, :2]).norm(dim=1)
     away = ((lines[:, :2] + lines[:, 2:4]) / 2 - lines.new_tensor(place)).norm(dim=1)
@@ -66,7 +66,8 @@ def _left_out(lines: torch.Tensor, place: tuple[float, float]) -> list[list[int]
     return [[], short] if short else [[]]
 
 
-def _without(lines: torch.Tensor, left_out: list[int]) -> torch.Tensor:
+def without(lines: torch.Tensor, left_out: list[int]) -> torch.Tensor:
+    """Lines [L, 6] but some, by their numbers."""
     return lines[[k for k in range(len(lines)) if k not in left_out]]
 
 
@@ -78,12 +79,12 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
         lines: shape [L, 6] [m].
         place: x and y on the plate [m].
     """
-    model, ends = fit.model, _ends_near(lines, place)
+    model, ends = fit.model, ends_near(lines, place)
     if not ends:
         return []
     versions = [torch.stack([stretched(lines[k], column, by) for by in STRETCHES_M]) for k, column in ends]
     parts = [model.parts(model.clamped(version))[0] for version in versions]
-    rest = model.parts(_without(lines, [k for k, _ in ends]))[0]
+    rest = model.parts(without(lines, [k for k, _ in ends]))[0]
     total = model.joined(rest) if len(rest) else torch.zeros_like(parts[0][0])
     total = total[None]
     for part in parts:
@@ -99,9 +100,9 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
     return found
 
 
-def _ends_near(lines: torch.Tensor, place: tuple[float, float]) -> list[tuple[int, int]]:
+def ends_near(lines: torch.Tensor, place: tuple[float, float], most: int = ENDS) -> list[tuple[int, int]]:
     """Lines and columns of the ends nearest to a place, of a line no more than one."""
     away = torch.stack([(lines[:, c : c + 2] - lines.new_tensor(place)).norm(dim=1) for c in (0, 2)], dim=1)
     nearest, column = away.min(dim=1)
-    order = nearest.argsort()[:ENDS].tolist()
+    order = nearest.argsort()[:most].tolist()
     return [(k, 2 * int(column[k])) for k in order if float(nearest[k]) <= REACH_M]

@@ -35,6 +35,12 @@ GIVEN_UP_FACTOR = 2.0
 """What raises the misfit by this factor before anything has moved is not followed."""
 
 
+STACKED_OFF_M = 3e-4
+"""How far ends of lines on top of each other may lie off their common line [m], however wide they are."""
+STACKED_M = 2e-3
+"""How far apart ends of lines that lie on top of each other along one line may be [m]."""
+
+
 class Gap(NamedTuple):
     """Between two pieces that may be one line: their indices, its middle [m], shape [2], and half its length [m]."""
 
@@ -110,6 +116,37 @@ def _along(ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return (ends - ends[i]) @ direction, ((ends - ends[i]) @ beside).abs()
 
 
+def stacks(lines: torch.Tensor) -> list[list[int]]:
+    """Groups of lines [L, 6] [m] that lie on top of each other along one line, of whatever width and height.
+
+    A line that is told too low all along has others on top of it, end to end, that make up for the rest: none of them
+    is like it, and the image misses each.
+    """
+    groups: list[set[int]] = []
+    for i in range(len(lines)):
+        for j in range(i):
+            ends = lines[[i, j], :4].reshape(4, 2)
+            along, off = _along(ends)
+            low, high = along.reshape(2, 2).amin(1), along.reshape(2, 2).amax(1)
+            thin = float(torch.minimum(lines[i, WIDTH], lines[j, WIDTH]))
+            is_off = float(off.max()) > min(OFF_LINE * thin, STACKED_OFF_M)
+            if is_off or float(low.max() - high.min()) > STACKED_M:
+                continue
+            touched = [group for group in groups if group & {i, j}]
+            groups = [group for group in groups if group not in touched] + [{i, j}.union(*touched)]
+    return [sorted(group) for group in groups]
+
+
+def unstacked(pieces: torch.Tensor) -> torch.Tensor:
+    """The line [6] [m] that lines on top of each other [K, 6] [m] stand for: as long as all, with as much in it."""
+    line = whole(pieces)
+    lengths = (pieces[:, 2:4] - pieces[:, :2]).norm(dim=1).clamp_min(1e-9)
+    volumes = lengths * pieces[:, WIDTH] * pieces[:, HEIGHT]
+    line[WIDTH] = (pieces[:, WIDTH] * volumes).sum() / volumes.sum()
+    line[HEIGHT] = volumes.sum() / (line[WIDTH] * (line[2:4] - line[:2]).norm().clamp_min(1e-9))
+    return line
+
+
 def whole(pieces: torch.Tensor) -> torch.Tensor:
     """The line [6] [m] that pieces [K, 6] [m] belong to: as long as all, as wide and high as most of it."""
     ends = pieces[:, :4].reshape(-1, 2)
@@ -122,7 +159,8 @@ def whole(pieces: torch.Tensor) -> torch.Tensor:
 def ways_to_join(lines: torch.Tensor) -> Iterator[tuple[torch.Tensor, tuple[float, float]]]:
     """Ways to join pieces: lines [M, 6] [m], and where a gap was [m].
 
-    Gap by gap, those near each other together, and all of them; each with short lines at the gaps, and without.
+    Gap by gap, those near each other together, and all of them; each with short lines at the gaps, and without. And
+    lines on top of each other as one.
     """
     gaps = gaps_between(lines)
     together = [_near(gaps, gap) for gap in gaps]
@@ -137,6 +175,11 @@ def ways_to_join(lines: torch.Tensor) -> Iterator[tuple[torch.Tensor, tuple[floa
         yield _joined(lines, some, set()), (x, y)
         if fillers:
             yield _joined(lines, some, fillers), (x, y)
+    for stack in stacks(lines):
+        kept = [lines[k] for k in range(len(lines)) if k not in stack]
+        line = unstacked(lines[stack])
+        x, y = ((line[:2] + line[2:4]) / 2).tolist()
+        yield torch.stack([*kept, line]), (x, y)
 
 
 def _near(gaps: Sequence[Gap], to: Gap) -> list[Gap]:

@@ -17,7 +17,8 @@ import torch
 from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
 from nets.reconstruct.fibres.image.on_others import descended
 from nets.reconstruct.fibres.search.clearing import Place, clearings, reaching, within
-from nets.reconstruct.fibres.search.evolution import evolved
+from nets.reconstruct.fibres.search.ends import ends_near, left_out_at, without
+from nets.reconstruct.fibres.search.evolution import evolved, evolved_ends
 from nets.reconstruct.fibres.search.growth import proposals, pruned
 from nets.reconstruct.fibres.search.joins import gaps_between, ways_to_join, with_joins
 from nets.reconstruct.fibres.search.moves import stretched, stretches
@@ -42,6 +43,8 @@ TRIED_FEWER, TRIED_OTHERS = 3, 3
 """Of all ways to have fewer lines, and of the others, those that are given a descent."""
 TRIAL_ITERATIONS = 10
 """Of L-BFGS of the lines at a place."""
+EVOLVING_ENDS = 6
+"""At a place, of as many lines."""
 LINE_FACTOR = 1.01
 """By which a line more must lower the misfit: of lines that explain an image alike the fewest are the plate's."""
 REBUILT_FACTOR = 0.985
@@ -164,9 +167,18 @@ def _ways(
 
 
 def _evolved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]:
-    """A line that evolves at a place: besides all others, in place of those within it, and of each that ends there."""
+    """Ends that evolve at a place, with and without the short lines that may make up for what these do not tell.
+
+    And a line: besides all others, in place of those within it, and of each that ends there.
+    """
     model, few, ends = fit.model, fit.metric, lines[:, :4].reshape(-1, 2, 2)
     few.correct_at(model.heights(lines))
+    for number, some in enumerate(left_out_at(lines, place)):
+        kept = without(lines, some)
+        meeting = ends_near(kept, place, EVOLVING_ENDS)
+        if len(meeting) > 1:
+            moved = evolved_ends(few, kept, meeting, seed=number)
+            yield _Way(moved, [k for k, _ in meeting], few.loss(model.heights(moved)))
     near = (ends - lines.new_tensor(place)).norm(dim=2) <= RADII_M[0]
     within_it = near.all(dim=1).nonzero()[:, 0].tolist()
     gone = [[], within_it, *([k] for k in near.any(dim=1).nonzero()[:, 0].tolist())]

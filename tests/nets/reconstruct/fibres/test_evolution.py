@@ -6,10 +6,13 @@ import torch
 import nets.reconstruct.fibres.search.evolution as image_evolution
 import nets.reconstruct.fibres.search.rebuild as image_rebuild
 from nets.reconstruct.fibres.image.image_fit import ImageFit
-from nets.reconstruct.fibres.search.evolution import APART_M, REACH_M, evolved
+from nets.reconstruct.fibres.search.evolution import APART_M, REACH_M, evolved, evolved_ends
+from nets.reconstruct.fibres.search.moves import stretched
 from nets.reconstruct.fibres.search.rebuild import rebuilt
+from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N, error_um, noisy_image
 from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
 
 HIDDEN = 1e-3 * torch.tensor([[-1.0, -1.5, 1.5, 1.0, 1.5, 0.6]], dtype=torch.float64)
 """On top of the others, nearer to where these cross than what is looked at of a place."""
@@ -93,3 +96,17 @@ def test_a_place_where_nothing_else_is_better_has_lines_evolve(model, fit, monke
     assert error_um(model, found.lines, truth) < 0.5 * error_um(model, start, truth)
     nearest = min(float((line - HIDDEN[0]).abs().max()) for line in (found.lines[-1], found.lines[-1][TURNED]))
     assert nearest < 2e-4
+
+
+def test_ends_that_meet_find_their_places_together(model, fit):
+    """Three lines end at one place, one too late and two too soon."""
+    start = LINES.clone()
+    start[:, 2:4] = torch.tensor([[1e-3, 0.0], [-1e-3, 1e-3], [0.0, -1e-3]], dtype=torch.float64)
+    printed = start.clone()
+    for k, by in enumerate((2e-3, -3e-3, 1.5e-3)):
+        printed[k] = stretched(start[k], 2, by)
+    shown = light_of(SCENE, model.heights(printed)).numpy()
+    seen = ImageFit(SCENE, CausticImage(shown), model, 2 * N, photons_per_pixel=4)
+    found = evolved_ends(seen, start, [(0, 2), (1, 2), (2, 2)])
+    assert float((found - printed)[:, :4].abs().max()) < 5e-4
+    assert torch.equal(found[:, 4:], start[:, 4:])

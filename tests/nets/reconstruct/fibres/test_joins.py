@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres.image.image_fit import ImageFit
-from nets.reconstruct.fibres.search.joins import gaps_between, whole, with_joins
+from nets.reconstruct.fibres.search.joins import gaps_between, stacks, unstacked, ways_to_join, whole, with_joins
 from nets.reconstruct.fibres.search.line_search import Answer, LineSearch
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N, error_um, noisy_image
@@ -99,3 +99,35 @@ def test_a_search_ends_with_whole_lines(model, stays_explained):
         assert len(search.lines) == 3 and error_um(model, search.lines) < 2.0
     else:
         assert search.lines is pieces
+
+
+def stacked():
+    """A line told too low, and two end to end on top of it that make up for the rest."""
+    low, (first, second) = LINES[0].clone(), cut(LINES[0], 0.45, 0.47)
+    low[5] *= 0.3
+    first[5], second[5] = 0.7 * first[5], 0.7 * second[5]
+    return torch.stack([low, LINES[1], first, second])
+
+
+def test_lines_on_top_of_each_other_are_one():
+    lines = stacked()
+    assert stacks(lines) == [[0, 2, 3]] and not gaps_between(lines[:3])
+    line = unstacked(lines[[0, 2, 3]])
+    torch.testing.assert_close(line[:5], LINES[0, :5])
+    assert float(line[5]) == pytest.approx(float(LINES[0, 5]), rel=0.02)
+    ways = [way for way, _ in ways_to_join(lines) if len(way) == 2]
+    assert any(torch.equal(way, torch.stack([LINES[1], line])) for way in ways)
+
+
+def test_lines_beside_or_across_are_no_stack():
+    beside = LINES[0].clone()
+    beside[[1, 3]] += 1e-3
+    assert stacks(torch.stack([LINES[0], beside])) == [] and stacks(LINES) == []
+
+
+def test_the_image_takes_one_line_for_a_stack(model):
+    printed = LINES[:2]
+    shown = light_of(SCENE, model.heights(printed)).numpy()
+    fit = ImageFit(SCENE, CausticImage(shown), model, 2 * N)
+    found = with_joins(fit, stacked())
+    assert len(found.lines) == 2 and error_um(model, found.lines, printed) < 0.1 * error_um(model, stacked(), printed)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+import nets.reconstruct.fibres.search.section as section
 from nets.reconstruct.fibres.image.descent_numbers import (
     ENDS,
     DescentNumbers,
@@ -236,6 +237,15 @@ def test_a_section_that_the_relief_told_moves_with_the_lines():
     search.run(reshaped(LINES + OFF, shape, Shape(0.5)))
     assert search.moves_section
     assert model.shape.exponent == pytest.approx(0.6, abs=0.02)
+
+
+def test_a_section_between_those_that_are_tried_is_found(monkeypatch):
+    """None of those tells the image better than the usual one; a descent goes there by itself."""
+    monkeypatch.setattr(section, "TRIED_SHAPES", ())
+    model, shape = LineModel(SCENE), Shape(0.75)
+    fit = ImageFit(SCENE, seen(*shape), model, 2 * N)
+    _, has_moved = with_section_found(fit, reshaped(LINES, shape, Shape(1.0)))
+    assert has_moved and model.shape.exponent == pytest.approx(0.75, abs=0.03)
 
 
 def test_a_cosine_stays_one_where_it_is_the_section():
