@@ -97,7 +97,8 @@ def result_of(run: Run) -> Reconstruction:
         posterior = None if covariance is None else height_deviation(run.model, run.lines, covariance)
         flat = method.options.flatness_beside
         places = view.discrepancy.places(heights) if is_noise_left else None
-        of = calibration_of(run.model.shape, has_waves=run.waves is not None, has_curves=run.curves is not None)
+        kind = {"has_waves": run.waves is not None, "has_curves": run.curves is not None}
+        of = calibration_of(run.model.shape, is_blurred=bool(np.any(view.camera.blur)), **kind)
         uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
     # Lines that leave nothing but noise were found without the lattice's own error, and are shown without it.
     shown = view.resimulation.finer() if run.takes_lines and is_noise_left else view.resimulation

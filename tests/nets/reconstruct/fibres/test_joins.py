@@ -130,4 +130,4 @@ def test_the_image_takes_one_line_for_a_stack(model):
     shown = light_of(SCENE, model.heights(printed)).numpy()
     fit = ImageFit(SCENE, CausticImage(shown), model, 2 * N)
     found = with_joins(fit, stacked())
-    assert len(found.lines) == 2 and error_um(model, found.lines, printed) < 0.1 * error_um(model, stacked(), printed)
+    assert len(found.lines) == 2 and error_um(model, found.lines, printed) < 0.5 * error_um(model, stacked(), printed)
