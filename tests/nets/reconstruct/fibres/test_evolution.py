@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-import nets.reconstruct.fibres.search.evolution as image_evolution
-import nets.reconstruct.fibres.search.rebuild as image_rebuild
+import nets.reconstruct.fibres.search.evolution as evolution
+import nets.reconstruct.fibres.search.rebuild as rebuild
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.evolution import APART_M, REACH_M, evolved, evolved_ends
 from nets.reconstruct.fibres.search.moves import stretched
@@ -62,7 +62,7 @@ def test_what_is_found_lies_at_the_place_and_apart(model, fit):
 
 
 def test_the_same_seed_finds_the_same(model, fit, monkeypatch):
-    monkeypatch.setattr(image_evolution, "GENERATIONS", 2)
+    monkeypatch.setattr(evolution, "GENERATIONS", 2)
     once, again = (evolved(fit.metric, model.heights(LINES), PLACE, 3) for _ in range(2))
     assert torch.equal(once, again)
 
@@ -84,7 +84,7 @@ def test_a_place_where_nothing_else_is_better_has_lines_evolve(model, fit, monke
     low[:, 5] *= 0.2
     low[1, :2] += 5e-4
     start = torch.cat([LINES, low])
-    monkeypatch.setattr(image_rebuild, "_ways", lambda *about: iter(()))
+    monkeypatch.setattr(rebuild, "_ways", lambda *about: iter(()))
     sure = torch.zeros(N, N)
     about = start, model.heights(start), sure
     found = rebuilt(fit, *about, is_enough=lambda lines: len(lines) == 4, evolves=evolves)

@@ -168,7 +168,10 @@ def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     assert scales == sorted(scales) and thick == bell and plain != merged != curved != wavy
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, thick, wavy)]
-    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 3.0, 12.0])
+    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 6.0, 37.5])
+    blurred = calibration_of(Shape(), has_waves=False, is_blurred=True)
+    assert plain.scale_m < blurred.scale_m < thick.scale_m
+    assert calibration_of(Shape(thicker=0.2), has_waves=False, is_blurred=True) == thick
 
 
 def test_waves_stay_within_what_machines_do(model):
