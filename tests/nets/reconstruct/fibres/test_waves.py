@@ -169,6 +169,9 @@ def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, thick, wavy)]
     np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 6.0, 37.5])
+    ellipse, steep = (calibration_of(s, has_waves=False) for s in (Shape(0.5, 1.0), Shape(0.35)))
+    assert ellipse == steep and plain.scale_m < ellipse.scale_m < thick.scale_m
+    assert calibration_of(Shape(0.5), has_waves=False) == calibration_of(Shape(1.0, 1.0), has_waves=False) == plain
     blurred = calibration_of(Shape(), has_waves=False, is_blurred=True)
     assert plain.scale_m < blurred.scale_m < thick.scale_m
     assert calibration_of(Shape(thicker=0.2), has_waves=False, is_blurred=True) == thick
