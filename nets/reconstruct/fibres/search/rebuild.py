@@ -23,6 +23,7 @@ from nets.reconstruct.fibres.search.growth import proposals, pruned
 from nets.reconstruct.fibres.search.joins import gaps_between, ways_to_join, with_joins
 from nets.reconstruct.fibres.search.moves import stretched, stretches
 from nets.reconstruct.fibres.search.places import APART_M, worst_places
+from nets.reconstruct.fibres.search.sums import taken_apart
 from warp_caustics.prints.model import WIDTH
 
 RADII_M = (3.5e-3, 6e-3)
@@ -87,8 +88,10 @@ def rebuilt(
     Returns:
         None where nothing is better.
     """
-    best, failed, is_better = Fitted(lines, fit.loss(fit.model.heights(lines))), list[Place](), False
-    for _ in range(ATTEMPTS):
+    apart, failed = taken_apart(fit, lines, quick), list[Place]()
+    is_better = apart is not None
+    best = apart or Fitted(lines, fit.loss(fit.model.heights(lines)))
+    for _ in range(0 if is_better and is_enough(best.lines) else ATTEMPTS):
         places = worst_places(fit, fit.model.heights(best.lines), PLACES_LOOKED_AT)
         place = next((at for at in places if all(math.dist(at, other) >= APART_M for other in failed)), None)
         if place is None or len(failed) == FAILURES:
