@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-import nets.reconstruct.fibres.search.section as section
 from nets.reconstruct.fibres.image.descent_numbers import (
     ENDS,
     DescentNumbers,
@@ -241,7 +240,7 @@ def test_a_section_that_the_relief_told_moves_with_the_lines():
 
 def test_a_section_between_those_that_are_tried_is_found(monkeypatch):
     """None of those tells the image better than the usual one; a descent goes there by itself."""
-    monkeypatch.setattr(section, "TRIED_SHAPES", ())
+    monkeypatch.setattr("nets.reconstruct.fibres.search.section.TRIED_SHAPES", ())
     model, shape = LineModel(SCENE), Shape(0.75)
     fit = ImageFit(SCENE, seen(*shape), model, 2 * N)
     _, has_moved = with_section_found(fit, reshaped(LINES, shape, Shape(1.0)))
@@ -386,9 +385,9 @@ def test_numbers_that_would_leave_their_range_are_held(monkeypatch):
 
 def test_a_told_section_stays():
     model = LineModel(SCENE)
-    ImageFit(SCENE, seen(0.6), model, 2 * N).descend(LINES + OFF, 10)
-    assert model.shape == Shape(1.0)
     fit = ImageFit(SCENE, seen(0.6), model, 2 * N)
+    fit.descend(LINES + OFF, 10)
+    assert model.shape == Shape(1.0)
     better = fit.descend(LINES + OFF, 30, with_section=True)
     assert model.shape.exponent < 0.9
     assert fit.loss(model.heights(better.lines)) == pytest.approx(better.loss, rel=1e-6), "left at its best"
