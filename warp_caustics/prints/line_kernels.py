@@ -4,6 +4,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from warp_caustics.prints.end_kernels import thick_part
 from warp_caustics.prints.kernels import across, cell_point, segment_gap, steep_edge
 
 LineCell = wp.types.vector(length=7, dtype=wp.float32)
@@ -31,6 +32,72 @@ def is_near_cell(
 
 @no_type_check
 @wp.func
+def thick_point(
+    lines: wp.array2d[wp.float32],
+    k: wp.int32,
+    point: wp.vec2,
+    side: wp.float32,
+    exponent: wp.float32,
+    parabola: wp.float32,
+    edge: wp.float32,
+    is_cap: wp.bool,
+    ends: wp.vec2,
+    beyond: wp.float32,
+) -> LineCell:
+    """:func:`line_point` of lines with thicker ends; ``beyond`` their edge [m] a point may stand for a part of them."""
+    start = wp.vec2(lines[k, 0], lines[k, 1])
+    along = wp.vec2(lines[k, 2], lines[k, 3]) - start
+    width, height = lines[k, 4], lines[k, 5]
+    length = wp.max(wp.length(along), 1.0e-10)
+    offset = point - start
+    part = thick_part(offset, along, length, width, height, exponent, parabola, edge, is_cap, ends, side, beyond > 0.0)
+    gap = offset - part.share * along
+    told = across(
+        exponent,
+        parabola,
+        edge,
+        is_cap,
+        wp.length(gap),
+        part.thickness * width,
+        part.thickness * height,
+        side,
+        beyond > 0.0,
+    )
+    outward = told[1] / wp.max(wp.length(gap), 1.0e-15) * gap
+    ahead = along / length
+    is_start = part.share < 0.5
+    share = part.share
+    if not is_start:
+        share = 1.0 - share
+    # That part moves with its end, and turns about it with the other one.
+    turned = share * (outward - wp.dot(outward, ahead) * ahead)
+    by_near = turned - outward
+    by_far = -turned
+    if part.is_free:
+        # The nearest part of a piece is another one when an end moves.
+        by_way = part.slope / length * (width * told[2] + height * told[3])
+        aside = by_way / length * (gap - wp.dot(gap, ahead) * ahead)
+        if is_start:
+            by_near -= by_way * ahead + aside
+            by_far += aside
+        else:
+            by_near -= by_way * ahead - aside
+            by_far -= aside
+    found = LineCell()
+    found[0] = told[0]
+    if not is_start:
+        by_near, by_far = by_far, by_near
+    found[1] = by_near[0]
+    found[2] = by_near[1]
+    found[3] = by_far[0]
+    found[4] = by_far[1]
+    found[5] = part.thickness * told[2]
+    found[6] = part.thickness * told[3]
+    return found
+
+
+@no_type_check
+@wp.func
 def line_point(
     lines: wp.array2d[wp.float32],
     k: wp.int32,
@@ -45,7 +112,7 @@ def line_point(
     """``LineCell`` of line k at a point that stands for ``side`` along [m]; from ``edge`` half widths on it is 0.
 
     ``ends`` are the share by which it is wider and higher where it begins and ends [1], and how far that reaches [m]:
-    share exp(-(s / reach)^2) at a way s from there.
+    share exp(-(s / reach)^2) at a way s from there, see :func:`thick_point`.
     """
     start = wp.vec2(lines[k, 0], lines[k, 1])
     along = wp.vec2(lines[k, 2], lines[k, 3]) - start
@@ -61,43 +128,20 @@ def line_point(
     nearest = segment_gap(point - start, along, inverse)
     gap = wp.vec2(nearest[0], nearest[1])
     distance = wp.length(gap)
-    if distance < 0.5 * edge * (1.0 + ends[0]) * width + beyond:
-        # Thicker by a factor that falls with the way from the nearer end.
-        thickness = wp.float32(1.0)
-        falls = wp.float32(0.0)
-        length = wp.length(along)
-        is_start = nearest[2] < 0.5
-        if ends[0] > 0.0:
-            way = wp.min(nearest[2], 1.0 - nearest[2]) * length / ends[1]
-            more = ends[0] * wp.exp(-way * way)
-            thickness += more
-            falls = -2.0 * more * way / ends[1]
-        wide = thickness * width
-        told = across(exponent, parabola, edge, is_cap, distance, wide, thickness * height, side, is_steep)
-        # Moving the nearest point along the line changes r in second order only.
-        outward = told[1] / wp.max(distance, 1.0e-15) * gap
-        found[0] = told[0]
-        found[1] = -(1.0 - nearest[2]) * outward[0]
-        found[2] = -(1.0 - nearest[2]) * outward[1]
-        found[3] = -nearest[2] * outward[0]
-        found[4] = -nearest[2] * outward[1]
-        found[5] = thickness * told[2]
-        found[6] = thickness * told[3]
-        if falls < 0.0:
-            # The thicker place moves with its end, and turns about the other one.
-            by_way = falls * (width * told[2] + height * told[3])
-            ahead = by_way / length * along
-            aside = by_way / length * gap
-            if is_start:
-                found[1] -= ahead[0] + aside[0]
-                found[2] -= ahead[1] + aside[1]
-                found[3] += aside[0]
-                found[4] += aside[1]
-            else:
-                found[1] += aside[0]
-                found[2] += aside[1]
-                found[3] += ahead[0] - aside[0]
-                found[4] += ahead[1] - aside[1]
+    if distance >= 0.5 * edge * (1.0 + ends[0]) * width + beyond:
+        return found
+    if ends[0] > 0.0:
+        return thick_point(lines, k, point, side, exponent, parabola, edge, is_cap, ends, beyond)
+    told = across(exponent, parabola, edge, is_cap, distance, width, height, side, is_steep)
+    # Moving the nearest point along the line changes r in second order only.
+    outward = told[1] / wp.max(distance, 1.0e-15) * gap
+    found[0] = told[0]
+    found[1] = -(1.0 - nearest[2]) * outward[0]
+    found[2] = -(1.0 - nearest[2]) * outward[1]
+    found[3] = -nearest[2] * outward[0]
+    found[4] = -nearest[2] * outward[1]
+    found[5] = told[2]
+    found[6] = told[3]
     return found
 
 

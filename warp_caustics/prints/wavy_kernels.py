@@ -7,6 +7,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from warp_caustics.prints.end_kernels import thick_part
 from warp_caustics.prints.kernels import across, cell_point, segment_gap, steep_edge
 
 
@@ -45,6 +46,8 @@ class WavyPoint:
     """Change of the thickness by the share."""
     sideways: wp.float32
     """Change of the way aside by the share [m]."""
+    is_free: wp.bool
+    """Whether that part is another one when an end moves."""
 
 
 @no_type_check
@@ -64,26 +67,41 @@ def wavy_point(
     found = WavyPoint()
     nearest = segment_gap(offset, along, 1.0 / (length * length))
     found.share = nearest[2]
+    found.end = wp.float32(1.0)
+    falls = wp.float32(0.0)
+    found.is_free = nearest[2] > 0.0 and nearest[2] < 1.0
+    if section.thicker > 0.0:
+        # Waves are far longer than what an end swells over: the part that is the highest without them is so with them.
+        part = thick_part(
+            offset,
+            along,
+            length,
+            lines[k, 4],
+            lines[k, 5],
+            section.exponent,
+            section.parabola,
+            section.edge,
+            section.is_cap,
+            wp.vec2(section.thicker, section.end),
+            side,
+            steep_edge(section.exponent, section.parabola, section.edge),
+        )
+        found.share = part.share
+        found.end = part.thickness
+        found.is_free = part.is_free
+        falls = part.slope
     pieces = wp.float32(counts[k] - 1)
-    place = nearest[2] * pieces
+    place = found.share * pieces
     found.knot = wp.min(wp.int32(place), counts[k] - 2)
     found.part = place - wp.float32(found.knot)
     more = knots[k, found.knot + 1, 0] - knots[k, found.knot, 0]
     farther = knots[k, found.knot + 1, 1] - knots[k, found.knot, 1]
-    found.end = wp.float32(1.0)
-    falls = wp.float32(0.0)
-    if section.thicker > 0.0:
-        way = wp.min(nearest[2], 1.0 - nearest[2]) * length / section.end
-        swollen = section.thicker * wp.exp(-way * way)
-        found.end += swollen
-        falls = -2.0 * swollen * way * length / section.end
-        if nearest[2] > 0.5:
-            falls = -falls
     wave = 1.0 + knots[k, found.knot, 0] + found.part * more
     found.slope = found.end * more * pieces + falls * wave
     found.sideways = farther * pieces
     aside = (knots[k, found.knot, 1] + found.part * farther) / length
-    found.gap = wp.vec2(nearest[0] + aside * along[1], nearest[1] - aside * along[0])
+    straight = offset - found.share * along
+    found.gap = wp.vec2(straight[0] + aside * along[1], straight[1] - aside * along[0])
     thickness = found.end * wave
     found.told = across(
         section.exponent,
@@ -190,7 +208,7 @@ def wavy_heights_adjoint(
                 wp.atomic_add(grad_lines, k, 5, grad * thickness * at.told[3])
                 by_start = -(1.0 - at.share) * outward
                 by_end = -at.share * outward
-                if at.share > 0.0 and at.share < 1.0:
+                if at.is_free:
                     # The nearest part is another one when an end moves.
                     by_share = (by_thickness * at.slope + by_aside * at.sideways) / (length * length)
                     across_m = offset - at.share * along

@@ -41,24 +41,40 @@ def test_derivatives(section, number):
 THICK = Shape(1.0, 0.0, 1.0, 0.3, 2e-3)
 
 
-def test_thicker_ends_are_those_that_are_printed():
-    """Beside a path of many points: that one is straight between these, and looks for the nearest part of the line."""
-    model = LineModel(SCENE)
-    model.shape = THICK
-    lines = lines_of(LINES)
-    ends = [np.array([line.start_m, line.end_m]) for line in lines]
-    chains = chains_of(ends, [line.width_m for line in lines], [line.height_m for line in lines])
-    chains = thick_ends(chains, np.full(2, THICK.thicker), np.full(2, THICK.end_m))
+def printed_with_thick_ends(lines: torch.Tensor, shape: Shape) -> np.ndarray:
+    """Relief [m] of lines [L, 6] as prints have it, in double precision: paths of many points, straight between."""
+    known = lines_of(lines)
+    ends = [np.array([line.start_m, line.end_m]) for line in known]
+    chains = chains_of(ends, [line.width_m for line in known], [line.height_m for line in known])
+    chains = thick_ends(chains, np.full(len(lines), shape.thicker), np.full(len(lines), shape.end_m))
     last = np.append(chains.first[1:], len(chains.points_m))
     paths = [
         PrintedPath(chains.points_m[a:b], chains.widths_m[a:b], chains.heights_m[a:b])
         for a, b in zip(chains.first, last, strict=True)
     ]
-    expected = paths_relief(paths, 64, SCENE.plate_size_m)
-    found, plain = model.heights(LINES).double().numpy(), LineModel(SCENE).heights(LINES).double().numpy()
+    return paths_relief(paths, 64, SCENE.plate_size_m)
+
+
+@pytest.mark.parametrize(("widths", "end_m"), [(1.0, 2e-3), (3.0, 2e-3), (3.0, 7e-4)])
+def test_thicker_ends_are_those_that_are_printed(widths, end_m):
+    """Beside a line, too, where what swells nearer to the end is higher than the section of the nearest part."""
+    model, lines, shape = LineModel(SCENE), LINES.clone(), THICK._replace(end_m=end_m)
+    lines[:, 4] *= widths
+    plain = model.heights(lines).double().numpy()
+    model.shape = shape
+    found, expected = model.heights(lines).double().numpy(), printed_with_thick_ends(lines, shape)
     thicker = np.linalg.norm(plain - expected)
-    assert thicker > 0.05 * np.linalg.norm(plain), "as these lines are without"
-    assert np.linalg.norm(found - expected) < 0.03 * thicker
+    assert thicker > 0.03 * np.linalg.norm(plain), "as these lines are without"
+    assert np.linalg.norm(found - expected) < 1e-3 * thicker
+
+
+def test_thicker_ends_of_a_short_line():
+    """Whose ends reach beyond its middle, where points of both stand between each other."""
+    model, shape = LineModel(SCENE), THICK._replace(end_m=2e-3)
+    lines = 1e-3 * torch.tensor([[-1.5, 0.3, 1.2, 0.1, 3.0, 0.8]], dtype=torch.float64)
+    model.shape = shape
+    found, expected = model.heights(lines).double().numpy(), printed_with_thick_ends(lines, shape)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("number", range(6))
@@ -97,13 +113,13 @@ def test_flat_caps_merge():
         assert torch.isfinite(relief).all() and torch.isfinite(derivatives).all()
 
 
-@pytest.mark.parametrize(("proportion", "exact"), [(0.2, 6e-3), (0.4, 2e-2), (0.6, 0.2)])
+@pytest.mark.parametrize(("proportion", "points", "exact"), [(0.2, 16, 6e-3), (0.4, 16, 2e-2), (0.6, 32, 0.06)])
 @pytest.mark.parametrize("number", range(6))
-def test_derivatives_of_caps(proportion, exact, number):
+def test_derivatives_of_caps(proportion, points, exact, number):
     """With thicker ends; the steeper their edge, the more a difference of few points errs there."""
     lines, step = LINES.clone(), torch.zeros_like(LINES)
     lines[:, 5] = proportion * lines[:, 4]
-    model = LineModel(SCENE, supersampling=16)
+    model = LineModel(SCENE, supersampling=points)
     model.shape = Shape(1.0, 1.0, 1.0, 0.3, 2e-3, is_cap=True)
     step[:, number] = 4e-6
     derivative = model.parts(lines)[1][:, number]
