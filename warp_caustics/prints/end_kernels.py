@@ -1,7 +1,7 @@
 """Thicker ends in kernels: where along a line that what is printed at a point comes from.
 
-Ends are those that :func:`~warp_caustics.prints.imperfections.thick_ends` prints: straight pieces between points near an
-end, each a cone, of which the highest is printed. Aside of a line that is not the section of the nearest part: what
+Ends are those that :func:`~warp_caustics.prints.imperfections.thick_ends` prints: straight pieces between points near
+an end, each a cone, of which the highest is printed. Aside of a line that is not the section of the nearest part: what
 swells nearer to the end reaches as far. With the nearest part alone lines 3.5 mm wide, whose ends swell over 1.2 mm,
 were up to 0.08 mm too low, and a plate of ten such lines 3.9 um off in the mean.
 """

@@ -14,7 +14,12 @@ from nets.reconstruct.fibres.search.growth import grown, pruned
 from nets.reconstruct.fibres.search.joins import gaps_between, with_joins
 from nets.reconstruct.fibres.search.moves import jump
 from nets.reconstruct.fibres.search.rebuild import LINE_FACTOR, rebuilt
-from nets.reconstruct.fibres.search.section import with_caps, with_cut_bells, with_section_found
+from nets.reconstruct.fibres.search.section import (
+    with_caps,
+    with_cut_bells,
+    with_other_family,
+    with_section_found,
+)
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -165,6 +170,7 @@ class LineSearch:
             found = self.fine.descend(coarse.lines, self.iterations // 2, with_section=self.moves_section)
             start = found.lines
             if self.moves_section:
+                start = with_other_family(self.fine, start, self.iterations // 2)
                 start = with_caps(self.fine, start, self.iterations // 2)
                 start = with_cut_bells(self.fine, start, self.iterations // 2)
             self.lines = start if self.answer is None else pruned(self.fine, start).lines
