@@ -147,11 +147,13 @@ class Limits:
         width_m: smallest and largest width [m]; of sections that are narrower at half their height than the cosine
             is, such as Gaussians, what is as wide there, and a little more (``WIDER_BELLS``).
         height_m: smallest and largest height [m].
+        drop_m: by how much more a round drop may be wide; a line by as much less as it is long [m].
     """
 
     reach: float = 1.08
     width_m: tuple[float, float] = (8e-5, 4.5e-3)
     height_m: tuple[float, float] = (1e-5, 2.6e-3)
+    drop_m: float = 2e-3
 
 
 def rows_of(lines: Sequence[Line]) -> torch.Tensor:
@@ -342,17 +344,26 @@ class LineModel:
         rows = step.reshape(lines.shape)
         return self.clamped(lines + torch.minimum(torch.maximum(rows, -self._step), self._step))
 
-    def limits_of(self, lines: int, of_shape: Sequence[int] = ()) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of the numbers of lines [m], and of some of a shape after them, shape [P]."""
+    def limits_of(self, lines: torch.Tensor, of_shape: Sequence[int] = ()) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of the numbers of lines, shape [L, 6] [m], and of some of a shape after them: [P]."""
         ends = []
-        for of_line, limit in zip(self._ends(), SHAPE_LIMITS, strict=True):
-            ends.append(np.append(np.tile(of_line.numpy(), lines), [limit[number] for number in of_shape]))
+        for of_lines, limit in zip(self._ends_of(lines), SHAPE_LIMITS, strict=True):
+            ends.append(np.append(of_lines.numpy().ravel(), [limit[number] for number in of_shape]))
         return ends[0], ends[1]
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:
         """Lines within the limits, shape [L, 6] [m]."""
-        low, high = self._ends()
+        low, high = self._ends_of(lines)
         return torch.minimum(torch.maximum(lines, low), high)
+
+    def _ends_of(self, lines: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Least and largest numbers of each line, shape [L, 6] [m]."""
+        low, high = (end.expand(lines.shape) for end in self._ends())
+        more = (self.limits.drop_m - (lines[:, 2:4] - lines[:, :2]).norm(dim=1)).clamp_min(0.0)
+        if bool(more.any()):
+            high = high.clone()
+            high[:, WIDTH] += more
+        return low, high
 
 
 def _zeros(*shape: int, device: torch.device) -> torch.Tensor:

@@ -140,6 +140,16 @@ def test_limits():
     assert clamped.tolist() == pytest.approx([0.027, -0.0216, 0.0, 0.0, 4.5e-3, 1e-5])
 
 
+def test_round_drops_may_be_wider_than_lines():
+    """By as much less as they are long: between a drop and a line nothing jumps."""
+    lengths = np.array([0.0, 0.5, 1.5, 2.0, 30.0])
+    wild = 1e-3 * torch.tensor([[0.0, 0.0, length, 0.0, 90.0, 1.0] for length in lengths], dtype=torch.float64)
+    expected = [6.5e-3, 6e-3, 5e-3, 4.5e-3, 4.5e-3]
+    model = LineModel(SCENE)
+    np.testing.assert_allclose(model.clamped(wild)[:, 4], expected, rtol=1e-12)
+    np.testing.assert_allclose(model.limits_of(wild)[1].reshape(-1, 6)[:, 4], expected, rtol=1e-12)
+
+
 def test_the_widest_line_is_told_by_its_width_at_half_its_height():
     """A Gaussian is wide at its foot, and may be 1.2 times as wide at half its height as a cosine; an ellipse, which is
     wide there, may be as wide as a cosine at its foot."""

@@ -138,11 +138,10 @@ class DescentNumbers:
     def ends(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and largest values of numbers, where they have the shape of these, shape [P] each."""
         if not self.with_section:
-            return self.model.limits_of(self.lines)
+            return self.model.limits_of(torch.from_numpy(numbers.reshape(self.lines, 6)))
         kept = self.model.shape
         try:
-            self.put(numbers)
-            ends = self.model.limits_of(self.lines, self.of_shape)
+            ends = self.model.limits_of(self.put(numbers), self.of_shape)
             narrower = half_height(self.model.shape) / COSINE_HALF
         finally:
             self.model.shape = kept

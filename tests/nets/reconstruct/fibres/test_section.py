@@ -374,7 +374,7 @@ def test_numbers_that_would_leave_their_range_are_held(monkeypatch):
     clamped = model.clamped
     monkeypatch.setattr(model, "clamped", lambda rows: heights_of.append(float(rows[0, 5])) or clamped(rows))
     before = fit.loss(model.heights(lines))
-    low, high = model.limits_of(len(lines), (0, 1, 2))
+    low, high = model.limits_of(lines, (0, 1, 2))
     assert low.shape == high.shape == (15,) and (low < high).all() and high[5] == highest
     monkeypatch.setattr(
         fit, "with_gradient", lambda h, *_: (before, torch.full_like(h, -1.0), np.zeros(0))
