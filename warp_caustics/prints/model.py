@@ -345,7 +345,7 @@ class LineModel:
         return self.clamped(lines + torch.minimum(torch.maximum(rows, -self._step), self._step))
 
     def limits_of(self, lines: torch.Tensor, of_shape: Sequence[int] = ()) -> tuple[FloatArray, FloatArray]:
-        """Least and largest values of the numbers of lines, shape [L, 6] [m], and of some of a shape after them: [P]."""
+        """Least and largest values of lines, shape [L, 6] [m], and of some numbers of a shape after them, shape [P]."""
         ends = []
         for of_lines, limit in zip(self._ends_of(lines), SHAPE_LIMITS, strict=True):
             ends.append(np.append(of_lines.numpy().ravel(), [limit[number] for number in of_shape]))
