@@ -8,6 +8,7 @@ import torch
 from nets.reconstruct.fibres.image.image_fit import FEW_PHOTONS_PER_PIXEL, FINE_PHOTONS_PER_PIXEL, Fitted, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
+from nets.reconstruct.fibres.search.each_end import with_each_end
 from nets.reconstruct.fibres.search.ends import with_moved_ends
 from nets.reconstruct.fibres.search.exchange import exchanged
 from nets.reconstruct.fibres.search.growth import grown, pruned
@@ -151,6 +152,7 @@ class LineSearch:
         """
         self._find(start)
         if self.jumps and not self.is_in_vain:
+            self._settle_ends()
             self._rebuild()
         return self.lines
 
@@ -232,6 +234,12 @@ class LineSearch:
         if self.view is not None and not self.view.is_explained(self.lines):
             self.lines, fit.model.shape = kept
 
+    def _settle_ends(self) -> None:
+        """Move ends that are hidden under other lines; what is better is seen at all pixels."""
+        if self.view is not None and self.view.is_near(self.lines):
+            moves = {"with_section": self.moves_section}
+            self._take(lambda: with_each_end(self.fine, self.lines, self.coarse, **moves))
+
     def _rebuild(self) -> None:
         """Build places anew where lines leave more than noise; what is better is seen at all pixels."""
         view, answer, fit = self.view, self.answer, self.fine
@@ -239,23 +247,29 @@ class LineSearch:
             return
         if not (self.evolves or view.is_near(self.lines)):
             return
-        kept, was, is_better = (self.lines, fit.model.shape), view.left(self.lines), False
         about = answer.relief_m, answer.spread_m, self.quick
 
         def is_enough(lines: torch.Tensor) -> bool:
             return not view.is_wrong_in_places(lines)
 
-        found = rebuilt(fit, self.lines, *about, is_enough, evolves=self.evolves)
-        if found is None:
-            return
+        self._take(lambda: rebuilt(fit, self.lines, *about, is_enough, evolves=self.evolves))
+
+    def _take(self, search: Callable[[], Fitted | None]) -> None:
+        """What a search finds, if it is better at all pixels."""
+        assert self.view is not None
+        model, is_better = self.fine.model, False
+        kept, was = (self.lines, model.shape), self.view.left(self.lines)
         try:
+            found = search()
+            if found is None:
+                return
             self.lines = found.lines
             self._finish()
-            now = view.left(self.lines)
+            now = self.view.left(self.lines)
             is_better = was is not None and now is not None and now < was
         finally:
             if not is_better:
-                self.lines, fit.model.shape = kept
+                self.lines, model.shape = kept
 
     def _finish(self) -> None:
         iterations = min(FINAL_ITERATIONS, self.iterations)

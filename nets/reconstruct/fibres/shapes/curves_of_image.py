@@ -49,6 +49,11 @@ LOOK_FACTOR = 0.98
 """By which the misfit must fall for lines after a look, as rings, or begun with straight ones, to be taken."""
 RING_ROUNDS = 3
 """In which pieces of rings become rings, at most: what was found in place of one shows when the others are."""
+SHORT_M, SHORT_LINES = 5e-3, 3
+"""Open lines shorter than this, and how many of them, are left out by turns: such a one makes up for what is wrong of
+another. Beside a narrow ring told 0.02 mm off a piece 1.2 mm long and 0.4 mm high did, 8.5 um of a plate."""
+FEWER_FACTOR = 1.01
+"""By which the misfit may rise then: of lines that explain an image alike the fewest are the plate's."""
 IN_VAIN = 3.0
 """Times the misfit of the relief that lines were found in, from which on they are given up at few pixels."""
 BETTER = 0.9
@@ -249,6 +254,18 @@ class CurvesOfImage:
             if best[1] > LOOK_FACTOR * loss:
                 break
             lines, loss = best
+        return self._without_short(lines, loss)
+
+    def _without_short(self, lines: CurvedLines, loss: float) -> tuple[CurvedLines, float]:
+        """Lines without those short ones that others tell the image as well without, and their misfit."""
+        short = [k for k, track in enumerate(lines.tracks) if not track.is_closed and track.length_m < SHORT_M]
+        short = sorted(short, key=lambda k: lines.tracks[k].length_m)[:SHORT_LINES]
+        if self._is_settled(lines) or len(short) == len(lines):
+            return lines, loss
+        for k in reversed(sorted(short)):
+            found = self._fitted(lines.kept([m for m in range(len(lines)) if m != k]))
+            if found[1] < FEWER_FACTOR * loss:
+                lines, loss = found
         return lines, loss
 
     def _relief(self, lines: CurvedLines) -> FloatArray:

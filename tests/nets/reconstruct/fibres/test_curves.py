@@ -129,6 +129,28 @@ def test_lines_are_found_in_the_ridges_of_a_result(model, truth, heights, image)
     assert after < 0.3 * before and view.is_relief_explained(view.glass(found.heights))
 
 
+def test_a_short_line_that_makes_up_for_another_is_left_out(model, truth, image, monkeypatch):
+    """And a short one that is printed stays; nothing is asked of lines that leave nothing but noise."""
+    junk = CurvedLines(
+        [Track(CURVE[len(CURVE) // 2] + 1e-3 * np.array([[0.0, -0.6], [0.4, 0.6]]))], truth.sizes[:1] / 3
+    )
+    found, _ = search(model, image)
+    monkeypatch.setattr(found, "_is_settled", lambda lines: False)
+    lines, loss = found._without_short(*found._fitted(moved(truth).with_more(junk)))
+    assert len(lines) == 2 and loss == pytest.approx(found._fitted(lines)[1], rel=1e-3)
+    middle = CORNER.mean(axis=0) + np.array([0.0, -0.2 * PLATE])
+    printed = truth.with_more(
+        CurvedLines([Track(middle + 1e-3 * np.array([[-1.0, 0.0], [1.0, 0.3]]))], truth.sizes[1:])
+    )
+    with_it = CausticImage(light_of(SCENE, curved_heights(ChainModel(model), printed)).numpy(), np.full(3, NOISE))
+    other, _ = search(model, with_it)
+    begun = other._fitted(moved(printed, by_m=8e-5))
+    monkeypatch.setattr(other, "_is_settled", lambda lines: False)
+    assert len(other._without_short(*begun)[0]) == 3
+    monkeypatch.setattr(other, "_is_settled", lambda lines: True)
+    assert other._without_short(*begun) is not None and other._without_short(*begun)[0] is begun[0]
+
+
 @pytest.mark.parametrize("is_ring", [True, False])
 def test_a_ring_that_is_told_in_part_is_one_where_the_image_says_so(model, is_ring):
     """Three quarters of a ring: the image shows whether the rest was printed."""
