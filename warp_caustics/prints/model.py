@@ -352,17 +352,17 @@ class LineModel:
         return ends[0], ends[1]
 
     def clamped(self, lines: torch.Tensor) -> torch.Tensor:
-        """Lines within the limits, shape [L, 6] [m]."""
+        """Lines within the limits, shape [..., 6] [m]."""
         low, high = self._ends_of(lines)
         return torch.minimum(torch.maximum(lines, low), high)
 
     def _ends_of(self, lines: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Least and largest numbers of each line, shape [L, 6] [m]."""
+        """Least and largest numbers of each line, shape [..., 6] [m]."""
         low, high = (end.expand(lines.shape) for end in self._ends())
-        more = (self.limits.drop_m - (lines[:, 2:4] - lines[:, :2]).norm(dim=1)).clamp_min(0.0)
+        more = (self.limits.drop_m - (lines[..., 2:4] - lines[..., :2]).norm(dim=-1)).clamp_min(0.0)
         if bool(more.any()):
             high = high.clone()
-            high[:, WIDTH] += more
+            high[..., WIDTH] += more
         return low, high
 
 

@@ -147,6 +147,7 @@ def test_round_drops_may_be_wider_than_lines():
     expected = [6.5e-3, 6e-3, 5e-3, 4.5e-3, 4.5e-3]
     model = LineModel(SCENE)
     np.testing.assert_allclose(model.clamped(wild)[:, 4], expected, rtol=1e-12)
+    assert torch.equal(model.clamped(wild.expand(3, 5, 6)), model.clamped(wild).expand(3, 5, 6)), "several versions"
     np.testing.assert_allclose(model.limits_of(wild)[1].reshape(-1, 6)[:, 4], expected, rtol=1e-12)
 
 
