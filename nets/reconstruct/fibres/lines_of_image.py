@@ -129,7 +129,7 @@ class LinesOfImage:
         try:
             self.fit_to(Answer.of(self.answer, self.most_lines))
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
-            if len(self.lines) and not self.is_in_vain:
+            if len(self.lines) and (not self.is_in_vain or self._starts_elsewhere()):
                 self._fit_with_all()
                 if self._looked_at_again() and self._is_near():
                     self._fit_with_all()
@@ -193,7 +193,12 @@ class LinesOfImage:
         is_other = look_again(self, options.looks_on(device))
         if options.evolves_on(device):
             is_other = evolve(self) or is_other
-        return start_elsewhere(self, options.starts_on(device), options.evolves_on(device)) or is_other
+        return self._starts_elsewhere() or is_other
+
+    def _starts_elsewhere(self) -> bool:
+        """Lines searched for from other starts; whether any are better."""
+        options, device = self.method.options, self.method.device.type
+        return start_elsewhere(self, options.starts_on(device), options.evolves_on(device))
 
     def _asks_bench(self) -> bool:
         """Whether bench and lines are found together; on a bench that was found not where lines are far from right."""

@@ -1,5 +1,7 @@
 """Lines that leave more than noise are searched for from single answers of the network."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 
@@ -8,6 +10,7 @@ import nets.reconstruct.fibres.search.second_look as second_look
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.options import FibresOptions
+from nets.reconstruct.fibres.search.line_search import LineSearch
 from nets.reconstruct.methods import create
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N, noisy_image
 from warp_caustics.prints.model import LineModel
@@ -83,6 +86,34 @@ def test_few_lines_and_lines_that_explain_the_image_are_left(model, image, metho
     monkeypatch.setattr(other_starts, "FEWEST_LINES", 3)
     fibres.reconstruct(image)
     assert not asked
+
+
+@pytest.mark.parametrize(("meets", "left", "asked"), [(False, 2.0, 1), (False, 2.8, 0), (True, 2.0, 0), (True, 0.7, 1)])
+def test_straight_lines_may_leave_more_to_be_searched_for(monkeypatch, meets, left, asked):
+    """Than pieces of curves, which leave much because they are none."""
+    tried = []
+    view = SimpleNamespace(is_settled=lambda lines: False)
+    run = SimpleNamespace(lines=torch.zeros(9, 6), reason="converged", is_crowd=False, view=view, counters={})
+    run.may_be_pieces, run.left = lambda: meets, lambda: (None, left, 1.0)
+    monkeypatch.setattr(other_starts, "_answers", lambda run, starts: iter("a"))
+    monkeypatch.setattr(other_starts, "searched_in", lambda *args: tried.append(args))
+    other_starts.start_elsewhere(run, 3)
+    assert len(tried) == asked
+
+
+def test_lines_that_were_left_are_searched_for_elsewhere(model, image, method, monkeypatch):
+    """Those that leave more of the image than the relief they were found in, which the search gave up."""
+    fibres, asked = method(singles_of(model), starts=3)
+    search = LineSearch.run
+
+    def in_vain(self, start):
+        found = search(self, start)
+        self.is_in_vain = not asked
+        return found
+
+    monkeypatch.setattr(LineSearch, "run", in_vain)
+    result = fibres.reconstruct(image)
+    assert asked and result.counters["fibres"] == 3 and error_um(result, model) < 1.0
 
 
 def test_starts_by_device():
