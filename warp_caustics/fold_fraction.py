@@ -10,7 +10,7 @@ import torch
 from warp_caustics.height_field import basis_matrix, cell_centres, prefilter_matrix, sample_coordinate
 from warp_caustics.oracle import incident_direction, refract
 from warp_caustics.scene import Scene
-from warp_caustics.types import FloatArray
+from warp_caustics.types import BoolArray, FloatArray
 
 POINTS_PER_SAMPLE = 2
 """Points of the plate per height sample and axis: the spline's curvature is piecewise linear between samples."""
@@ -32,6 +32,19 @@ def fold_fraction(heights_m: FloatArray, scene: Scene) -> float:
     """
     determinants = jacobian_determinants(heights_m, scene)
     return float((determinants < 0).mean())
+
+
+def crossing_samples(heights_m: FloatArray, scene: Scene) -> BoolArray:
+    """Whether light paths cross somewhere at a sample, shape [n, n].
+
+    Args:
+        heights_m: relief above the base [m], shape [n, n].
+        scene: the set-up.
+    """
+    n = len(heights_m)
+    crossing = (jacobian_determinants(heights_m, scene) < 0).reshape(n, POINTS_PER_SAMPLE, n, POINTS_PER_SAMPLE)
+    found: BoolArray = crossing.any(axis=(1, 3))
+    return found
 
 
 def fold_bin(fraction: float) -> str:

@@ -22,9 +22,10 @@ from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.shapes.curves_paths import paths_of
 from nets.reconstruct.fibres.shapes.waves import WavyLines
 from nets.reconstruct.fibres.trust.beliefs import as_stated, times_less_known
-from nets.reconstruct.fibres.trust.uncertainty import calibration_of, of_lines
+from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
+from warp_caustics.fold_fraction import crossing_samples
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import Reconstruction
@@ -95,11 +96,16 @@ def result_of(run: Run) -> Reconstruction:
         is_asked = method.options.causes and not is_noise_left
         rest = view.resimulation.rest(heights, found_at) if is_asked else None
         posterior = None if covariance is None else height_deviation(run.model, run.lines, covariance)
-        flat = method.options.flatness_beside
-        places = view.discrepancy.places(heights) if is_noise_left else None
+        flat, places, crossing = method.options.flatness_beside, None, None
+        if is_noise_left:
+            flat = flat if method.options.flatness_m is not None else min(flat, BARE_M)
+            places = view.discrepancy.places(heights)
+            crossing = crossing_samples(heights, view.scene) if run.covariance is None else None
         kind = {"has_waves": run.waves is not None, "has_curves": run.curves is not None}
         of = calibration_of(run.model.shape, is_blurred=bool(np.any(view.camera.blur)), **kind)
-        uncertainty = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of)
+        uncertainty = of_lines(
+            answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of, crossing
+        )
     # Lines that leave nothing but noise were found without the lattice's own error, and are shown without it.
     shown = view.resimulation.finer() if run.takes_lines and is_noise_left else view.resimulation
     result = network_result(

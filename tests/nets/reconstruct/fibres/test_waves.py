@@ -171,7 +171,7 @@ def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     assert calibration_of(Shape(overlap=0.4), has_waves=False, is_blurred=True) == blurred
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, merged, wavy)]
-    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 6.0, 75.0])
+    np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 8.0, 120.0])
 
 
 def test_waves_stay_within_what_machines_do(model):
