@@ -8,6 +8,7 @@ import torch
 from nets.reconstruct.fibres.image.image_fit import FEW_PHOTONS_PER_PIXEL, FINE_PHOTONS_PER_PIXEL, Fitted, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
+from nets.reconstruct.fibres.search.drops import with_drops_apart
 from nets.reconstruct.fibres.search.each_end import with_each_end
 from nets.reconstruct.fibres.search.ends import with_moved_ends
 from nets.reconstruct.fibres.search.exchange import exchanged
@@ -152,7 +153,7 @@ class LineSearch:
         """
         self._find(start)
         if self.jumps and not self.is_in_vain:
-            self._settle_ends()
+            self._settle()
             self._rebuild()
         return self.lines
 
@@ -234,11 +235,14 @@ class LineSearch:
         if self.view is not None and not self.view.is_explained(self.lines):
             self.lines, fit.model.shape = kept
 
-    def _settle_ends(self) -> None:
-        """Move ends that are hidden under other lines; what is better is seen at all pixels."""
-        if self.view is not None and self.view.is_near(self.lines):
-            moves = {"with_section": self.moves_section}
-            self._take(lambda: with_each_end(self.fine, self.lines, self.coarse, **moves))
+    def _settle(self) -> None:
+        """Take lines between two drops apart, and move ends that are hidden under other lines."""
+        view, moves = self.view, {"with_section": self.moves_section}
+        if view is None or not view.is_near(self.lines):
+            return
+        if not view.is_settled(self.lines):
+            self._take(lambda: with_drops_apart(self.fine, self.lines, **moves))
+        self._take(lambda: with_each_end(self.fine, self.lines, self.coarse, **moves))
 
     def _rebuild(self) -> None:
         """Build places anew where lines leave more than noise; what is better is seen at all pixels."""
