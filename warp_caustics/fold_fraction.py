@@ -43,8 +43,7 @@ def crossing_samples(heights_m: FloatArray, scene: Scene) -> BoolArray:
     """
     n = len(heights_m)
     crossing = (jacobian_determinants(heights_m, scene) < 0).reshape(n, POINTS_PER_SAMPLE, n, POINTS_PER_SAMPLE)
-    found: BoolArray = crossing.any(axis=(1, 3))
-    return found
+    return np.asarray(crossing.any(axis=(1, 3)))
 
 
 def fold_bin(fraction: float) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warp_caustics.fold_fraction import fold_bin, fold_bins, fold_fraction, jacobian_determinants
+from warp_caustics.fold_fraction import crossing_samples, fold_bin, fold_bins, fold_fraction, jacobian_determinants
 from warp_caustics.height_field import cell_centres
 from warp_caustics.scene import Scene
 
@@ -32,6 +32,17 @@ def test_folds_of_a_ripple(far_scene, strength):
     """det = 1 - strength cos(k x): negative on arccos(1 / strength) / pi of the plate."""
     expected = np.arccos(1 / strength) / np.pi if strength > 1 else 0.0
     assert fold_fraction(ripple(far_scene, strength), far_scene) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("strength", [0.8, 2.0])
+def test_samples_at_which_paths_cross(far_scene, strength):
+    """Where det = 1 - strength cos(k x) is negative, and samples that this begins in."""
+    found = crossing_samples(ripple(far_scene, strength), far_scene)
+    x = cell_centres(far_scene.height_samples, far_scene.plate_size_m[0])
+    crossing = strength * np.cos(2 * np.pi / 0.05 * x) > 1
+    assert found.shape == (64, 64) and found.dtype == bool and (found == found[0]).all()
+    inside = slice(2, -2)
+    assert found[0, inside][crossing[inside]].all() and found.sum() <= 64 * (crossing.sum() + 4)
 
 
 def test_determinant_of_a_ripple(far_scene):

@@ -11,7 +11,7 @@ from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.shapes.beside_waves import BesideWaves, mended
 from nets.reconstruct.fibres.shapes.waves import FARTHEST, THICKNESS, straight, waves_of, with_mended_lines, with_waves
-from nets.reconstruct.fibres.trust.uncertainty import PLAIN_LINES, calibration_of, of_lines
+from nets.reconstruct.fibres.trust.uncertainty import CROSSING, PLAIN_LINES, calibration_of, of_lines
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N
 from warp_caustics.prints.model import LineModel, Shape
@@ -172,6 +172,16 @@ def test_lines_state_by_how_they_are_made_what_they_are_off_by():
     spread, heights = np.full((2, 2), 4e-6), np.ones((2, 2))
     stated = [of_lines(spread, heights, None, True, 0.0, calibration=each)[0, 0] for each in (plain, merged, wavy)]
     np.testing.assert_allclose(np.array(stated) / stated[0], [1.0, 8.0, 120.0])
+
+
+def test_lines_state_more_where_light_paths_cross():
+    """Of what noise and spread make of them; the base is as flat there as elsewhere."""
+    spread, heights, posterior = np.full((2, 2), 4e-6), np.ones((2, 2)), np.full((2, 2), 1e-7)
+    crossing = np.array([[True, False], [False, False]])
+    plain, told = (of_lines(spread, heights, None, True, 0.0, posterior, crossing=each) for each in (None, crossing))
+    np.testing.assert_allclose(told, np.where(crossing, CROSSING, 1.0) * plain)
+    flat = of_lines(spread, heights, None, True, 3e-8, posterior, crossing=crossing)
+    np.testing.assert_allclose(flat**2 - told**2, 9e-16)
 
 
 def test_waves_stay_within_what_machines_do(model):
