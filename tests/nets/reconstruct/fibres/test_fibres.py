@@ -316,9 +316,11 @@ def test_lines_that_leave_only_noise_are_surer_than_the_network(monkeypatch, sav
     assert result.counters["explained_by"] == "fibres" and "refinement" not in result.counters
     sigma, error = result.uncertainty_m, np.abs(result.heights_m - truth.double().numpy())
     assert float(sigma.min()) == pytest.approx(PLAIN_LINES.floor_m) and 1e-7 < float(sigma.max()) < 5e-6
-    assert float(np.mean(error < 2 * sigma)) > 0.95
     on_lines = truth.numpy() > 1e-5
-    assert float(np.mean(error[on_lines] < sigma[on_lines])) > 0.6, "as of own plates, docs/trust.md"
+    within = [float(np.mean(error[on_lines] < times * sigma[on_lines])) for times in (1, 2.5)]
+    # One line of three is as much as 2.2 deviations off as a whole, with this noise.
+    assert within[0] > 0.6 and within[1] > 0.95, "as of own plates, docs/trust.md"
+    assert error[~on_lines].max() < 1e-7, "bare plate is found bare"
 
 
 def test_what_is_left_of_the_image_is_told(model, image, answering):
