@@ -12,6 +12,7 @@ import torch
 from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
 from nets.reconstruct.fibres.search.moves import drops as round_drops
 from nets.reconstruct.fibres.search.moves import is_short
+from nets.reconstruct.fibres.search.rounds import while_better
 from warp_caustics.prints.model import HEIGHT
 
 APART_M = 5e-4
@@ -33,13 +34,7 @@ def with_drops_apart(fit: ImageFit, lines: torch.Tensor, *, with_section: bool =
         lines: shape [L, 6] [m].
         with_section: descents move the model's section, too.
     """
-    best: Fitted | None = None
-    for _ in range(ROUNDS):
-        found = _once(fit, lines, with_section)
-        if found is None:
-            break
-        best, lines = found, found.lines
-    return best
+    return while_better(lambda each: _once(fit, each, with_section), lines, ROUNDS)
 
 
 def _once(fit: ImageFit, lines: torch.Tensor, with_section: bool) -> Fitted | None:

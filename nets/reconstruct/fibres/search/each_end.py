@@ -12,6 +12,7 @@ import torch
 
 from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
 from nets.reconstruct.fibres.search.moves import SHORTEST_M, stretched
+from nets.reconstruct.fibres.search.rounds import while_better
 
 NEAR_M = 2.5e-4
 """First an end is moved by so much, both ways."""
@@ -39,13 +40,7 @@ def with_each_end(fit: ImageFit, lines: torch.Tensor, quick: ImageFit, *, with_s
         quick: says which ends may be elsewhere.
         with_section: descents move the model's section, too.
     """
-    best: Fitted | None = None
-    for _ in range(ROUNDS):
-        found = _once(fit, lines, quick, with_section)
-        if found is None:
-            break
-        best, lines = found, found.lines
-    return best
+    return while_better(lambda each: _once(fit, each, quick, with_section), lines, ROUNDS)
 
 
 def _once(fit: ImageFit, lines: torch.Tensor, quick: ImageFit, with_section: bool) -> Fitted | None:

@@ -15,6 +15,7 @@ import torch
 
 from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
 from nets.reconstruct.fibres.search.moves import stretched
+from nets.reconstruct.fibres.search.rounds import while_better
 from warp_caustics.prints.model import HEIGHT
 
 MEETING_M = 4e-3
@@ -49,13 +50,7 @@ def taken_apart(fit: ImageFit, lines: torch.Tensor, quick: ImageFit | None = Non
         lines: shape [L, 6] [m].
         quick: says which of all ways are tried; ``fit`` if None.
     """
-    best, quick = None, quick or fit
-    for _ in range(ROUNDS):
-        found = _once(fit, lines, quick)
-        if found is None:
-            break
-        best, lines = found, found.lines
-    return best
+    return while_better(lambda each: _once(fit, each, quick or fit), lines, ROUNDS)
 
 
 def _once(fit: ImageFit, lines: torch.Tensor, quick: ImageFit) -> Fitted | None:

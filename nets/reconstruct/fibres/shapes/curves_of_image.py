@@ -260,7 +260,7 @@ class CurvesOfImage:
         """Lines without those short ones that others tell the image as well without, and their misfit."""
         short = [k for k, track in enumerate(lines.tracks) if not track.is_closed and track.length_m < SHORT_M]
         short = sorted(short, key=lambda k: lines.tracks[k].length_m)[:SHORT_LINES]
-        if self._is_settled(lines) or len(short) == len(lines):
+        if not short or len(short) == len(lines) or self._is_settled(lines):
             return lines, loss
         for k in reversed(sorted(short)):
             found = self._fitted(lines.kept([m for m in range(len(lines)) if m != k]))

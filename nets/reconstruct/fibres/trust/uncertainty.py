@@ -62,7 +62,7 @@ WAVY_LINES = DesignCalibration(scale_m=0.6e-6, power=0.5, floor_m=0.1e-6)
 CROSSING = 2.3
 """Times what noise and spread make of lines where light paths cross: what lattice and cells leave there, and what is
 wrong of ends below others, is in no noise. On 94 own plates 69 and 96 % of the points where they do then lie within one
-and two, and 73 and 95 % of the others; 35 and 61 without, where these were 57 and 85."""
+and two, and 73 and 95 % of the others; 35 and 61, and 57 and 85, without it and the base's part."""
 BARE_M = 0.03e-6
 """Of the base, where lines leave nothing but noise on a bench that was told exactly and nobody says how flat it is [m].
 Free heights have 0.1 um in common that way (:mod:`nets.reconstruct.direct_options`); lines leave the base as it is."""
