@@ -49,7 +49,7 @@ def score_folder(folder: Path, cases: Sequence[Case], method: str) -> tuple[list
         if heights is None:
             records.append(record | {"status": "failed", "reason": "no heights"})
             continue
-        scores = relief_scores(heights, true_heights(case), case.told.plate_size_m, uncertainty)
+        scores = relief_scores(heights, true_heights(case), case.told, uncertainty)
         records.append(record | {"status": "done", "scores": scores})
     listed = ", ".join(missing[:5]) + ", ..." * (len(missing) > 5)
     return records, [f"{len(missing)} of {len(cases)} cases have no heights: {listed}"] if missing else []

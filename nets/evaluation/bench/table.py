@@ -17,6 +17,7 @@ COLUMNS = (
     *BENCH_SCORES,
     "warned",
     "explained",
+    "doubted",
     "trust",
     "time_s",
     "warnings",
@@ -36,9 +37,10 @@ def bench_rows(records: Iterable[Mapping[str, Any]]) -> list[Row]:
 
 
 def bench_summary(rows: Sequence[Row]) -> list[Row]:
-    """Per row of the suite and method: means over its plates, the median error, how many warned and explained.
+    """Per row of the suite and method: means over its plates, the median error, how many warned, explained, doubted.
 
-    ``within_one`` and ``within_two`` are means over plates whose result has an uncertainty, None if none has.
+    Shares within one and two are means over plates whose result has an uncertainty, and which have of the region; None
+    if there is none.
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -53,7 +55,7 @@ def bench_summary(rows: Sequence[Row]) -> list[Row]:
             line[score] = statistics.fmean(known) if known else None
         errors = [float(row["rmse_um"]) for row in done]
         line["rmse_um_median"] = statistics.median(errors) if errors else None
-        for which in ("warned", "explained"):
+        for which in ("warned", "explained", "doubted"):
             told = [row[which] for row in done if row[which] is not None]
             line[which] = sum(told) if told else None
         found.append(line)

@@ -17,32 +17,21 @@ from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.scene import Scene
 
-PLATE = (0.05, 0.05)
+SCENE = Scene(height_samples=32)
 
 
 def test_scores_of_a_known_error():
     true = np.zeros((32, 32))
     true[8:24, 8:24] = 1e-4
     error = 2e-6 * np.where(np.arange(32) < 16, 1.0, 3.0)[None, :] * np.ones((32, 1))
-    scores = relief_scores(true + error, true, PLATE, np.full((32, 32), 4e-6))
+    scores = relief_scores(true + error, true, SCENE, np.full((32, 32), 4e-6))
     assert scores["rmse_um"] == pytest.approx(np.sqrt((4 + 36) / 2))
     assert scores["rmse_mean_removed_um"] == pytest.approx(2)
     assert scores["within_one"] == 0.5 and scores["within_two"] == 1.0
-    assert scores["flat_um"] == pytest.approx(50)
+    assert scores["flat_um"] == pytest.approx(50) and scores["stated_um"] == pytest.approx(4)
     assert scores["rmse_aligned_um"] <= scores["rmse_um"]
-    assert relief_scores(true, true, PLATE)["within_one"] is None
-    assert relief_scores(true, true, PLATE)["within_two_on_relief"] is None
-
-
-def test_what_is_covered_on_relief_is_counted_apart():
-    true = np.zeros((32, 32))
-    true[:8] = 1e-4
-    error = np.where(true > 0, np.where(np.arange(32) < 8, 1e-6, 3e-6), 0.0)
-    scores = relief_scores(true + error, true, PLATE, np.full((32, 32), 2e-6))
-    assert scores["within_one"] == pytest.approx(1 - 0.75 / 4) and scores["within_one_on_relief"] == 0.25
-    assert scores["within_two"] == scores["within_two_on_relief"] == 1
-    bare = relief_scores(np.full((32, 32), 1e-6), np.zeros((32, 32)), PLATE, np.full((32, 32), 2e-6))
-    assert bare["within_one"] == 1 and bare["within_one_on_relief"] is None
+    assert relief_scores(true, true, SCENE)["within_one"] is relief_scores(true, true, SCENE)["stated_um"] is None
+    assert relief_scores(true, true, SCENE)["within_two_on_relief"] is None
 
 
 @pytest.mark.parametrize("is_explained", [None, True, False])
@@ -56,7 +45,10 @@ def test_warned_and_explained_are_told_apart(warnings, is_explained):
     )
     found = bench_scores(scene, 1, "cpu")(result, field)
     assert (found["warned"], found["explained"], found["trust"]) == (bool(warnings), is_explained, "line")
-    assert found["rmse_um"] == pytest.approx(1)
+    assert found["rmse_um"] == pytest.approx(1) and found["doubted"] is None
+    for doubtful in (False, True):
+        doubted = replace(result, counters={"doubt": {"times": 1.0, "is_doubtful": doubtful}})
+        assert bench_scores(scene, 1, "cpu")(doubted, field)["doubted"] is doubtful
     without = bench_scores(scene, 1, "cpu")(replace(result, trust=None), field)
     assert without["explained"] is None and without["trust"] is None
 
@@ -142,10 +134,10 @@ def test_a_bent_plate_has_no_error_but_its_form():
     y, x = np.meshgrid(np.linspace(-0.5, 0.5, 32), np.linspace(-0.5, 0.5, 32), indexing="ij")
     true, rest = 1e-4 * rng.random((32, 32)), 1e-6 * rng.standard_normal((32, 32))
     bent = 2e-5 * (4 * x**2 + y**2 - 3 * x * y) + 1e-5 * x + 3e-6
-    plain, scores = relief_scores(true + rest, true, PLATE), relief_scores(true + rest + bent, true, PLATE)
+    plain, scores = relief_scores(true + rest, true, SCENE), relief_scores(true + rest + bent, true, SCENE)
     assert scores["rmse_um"] > 5 and scores["rmse_form_removed_um"] == pytest.approx(plain["rmse_form_removed_um"])
     assert 0.98 < plain["rmse_form_removed_um"] / plain["rmse_um"] < 1
     ripple = 1e-6 * np.cos(8 * np.pi * x)
-    assert relief_scores(true + ripple, true, PLATE)["rmse_form_removed_um"] == pytest.approx(
+    assert relief_scores(true + ripple, true, SCENE)["rmse_form_removed_um"] == pytest.approx(
         1e6 * ripple.std(), rel=0.05
     )
