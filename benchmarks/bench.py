@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.bench_trust import trust_table
 from benchmarks.of_weights import shipped
 from data_gen.suites.suites import SUITES, suite_cases
+from nets.evaluation.bench.coverage import COVERAGE, WITHIN
 
 FILE = Path(__file__).with_name("bench.json")
 PAGE = Path(__file__).parents[1] / "docs" / "bench.md"
@@ -27,22 +29,24 @@ FIGURES = (
     "rmse_um",
     "rmse_aligned_um",
     "slope_error",
-    "within_one",
-    "within_two",
-    "within_one_on_relief",
-    "within_two_on_relief",
+    "stated_um",
+    *COVERAGE,
     "flat_um",
     "warned",
     "explained",
+    "doubted",
     "time_s",
 )
 """Of each plate."""
+SINCE = ("stated_um", "doubted", *(name for name in COVERAGE if name not in WITHIN))
+"""Of these, what rows have that were stored since it is counted."""
 ON_RELIEF = "within_one_on_relief"
-"""Rows that were stored before it was counted have none."""
 MEASURED_WITH = ("direct", "direct-family")
 """Networks whose hash is stored: those of the methods that the tables show."""
 
 
+TRUSTED = "fibres"
+"""Method of the table of what is stated."""
 WITH_NETWORKS = ("direct", "fibres")
 """Methods whose figures are theirs; of a row that was measured with earlier ones a star tells."""
 
@@ -162,15 +166,23 @@ def _um(values: Sequence[float]) -> str:
 def with_tables(text: str, tree: Mapping[str, Any]) -> str:
     """The page with every table between its marks as stored."""
     for suite in SUITES:
-        begin, end = f"<!-- table {suite} -->\n", "<!-- end of table -->"
-        pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.S)
-        if not pattern.search(text):
-            raise SystemExit(f"docs/bench.md has no place for the table of {suite}; write {begin.strip()} and {end}")
-        new = begin + "\n" + "\n".join(table(tree, suite)) + "\n\n" + end
-        # In two pieces: what is put in may hold backslashes.
-        before, after = pattern.split(text, maxsplit=1)
-        text = before + new + after
-    return text
+        text = with_lines(text, f"table {suite}", table(tree, suite))
+    return with_lines(text, "trust", trust_table(tree["suites"], TRUSTED))
+
+
+def with_lines(text: str, mark: str, lines: Sequence[str]) -> str:
+    """The page with these lines between a mark and the end of its table.
+
+    Raises:
+        SystemExit: the page has no such mark.
+    """
+    begin, end = f"<!-- {mark} -->\n", "<!-- end of table -->"
+    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.S)
+    if not pattern.search(text):
+        raise SystemExit(f"docs/bench.md has no place for {mark}; write {begin.strip()} and {end}")
+    # In two pieces: what is put in may hold backslashes.
+    before, after = pattern.split(text, maxsplit=1)
+    return before + begin + "\n" + "\n".join(lines) + "\n\n" + end + after
 
 
 def main(files: Sequence[Path]) -> None:

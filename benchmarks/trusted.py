@@ -28,6 +28,7 @@ from data_gen.suites.case import Plate, bench_plates
 from data_gen.suites.light import Light
 from data_gen.suites.one_thing import DIFFERENCES, one_case
 from data_gen.suites.shot import measured
+from nets.evaluation.bench.detector import is_wrong
 from nets.reconstruct.methods import create
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION
 from nets.reconstruct.with_bench import FLATNESS
@@ -46,8 +47,6 @@ ROWS = (
 PHOTONS = 6_000_000
 """Of an image of one-thing; random benches have 4 million on a lattice."""
 LEAST_RELIEF_M = 3e-6
-WRONG = 3.0
-"""Times the stated uncertainty."""
 
 
 def plates(row: str, count: int, seed: int, device: str) -> Iterator[tuple[CausticImage, FloatArray]]:
@@ -126,9 +125,9 @@ def measured_row(row: str, number: int, result: Reconstruction, truth: FloatArra
     }
 
 
-def is_wrong(row: dict[str, Any], by: str = "uncertainty_um") -> bool:
+def is_result_wrong(row: dict[str, Any], by: str = "uncertainty_um") -> bool:
     """Whether a result is worse than three times what it says."""
-    return bool(row["rmse_um"] > WRONG * row[by])
+    return is_wrong(row["rmse_um"], row[by])
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -153,8 +152,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> list[str]:
         lines.append(f"    {_spread(rows, f'alone_{key}')} -> {_spread(rows, key)}")
     for name, by in (("the spread alone", "alone_um"), ("all", "uncertainty_um")):
         known = [row for row in rows if row[by] is not None]
-        wrong = [row for row in known if is_wrong(row, by)]
-        good = [row for row in known if not is_wrong(row, by)]
+        wrong = [row for row in known if is_result_wrong(row, by)]
+        good = [row for row in known if not is_result_wrong(row, by)]
         found, false = (sum(row["is_flagged"] for row in each) for each in (wrong, good))
         lines.append(f"wrong by {name}: {found} of {len(wrong)} flagged; good: {false} of {len(good)} flagged")
     return lines

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.bench import FIGURES, ON_RELIEF, PAGE, collect, method_cells, stored, table, titles, with_tables
+from benchmarks.bench import FIGURES, PAGE, SINCE, collect, method_cells, stored, table, titles, with_tables
+from benchmarks.bench_trust import trust_table
 from data_gen.suites.suites import SUITES, suite_cases
+from nets.evaluation.bench.coverage import REGIONS, WITHIN
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,7 +48,7 @@ def test_what_is_stored_is_of_cases_that_there_are():
             for row in rows.values():
                 assert all(0 <= plate < plates for plate in row["plates"]) and row["device"]
                 assert {len(row[name]) for name in FIGURES if name in row} == {row["done"]}
-                assert set(FIGURES) - set(row) <= {ON_RELIEF, "within_two_on_relief"}
+                assert set(FIGURES) - set(row) <= set(SINCE)
 
 
 def test_rows_of_earlier_networks_have_a_star():
@@ -112,3 +114,18 @@ def test_cells_show_what_is_covered_on_relief_where_it_was_counted():
 def test_the_file_is_json_with_a_list_in_a_line():
     text = (ROOT / "benchmarks" / "bench.json").read_text(encoding="utf-8")
     assert json.loads(text)["suites"] and not re.search(r"\[\s*\n", text)
+
+
+def test_the_table_of_trust_counts_plates_by_region():
+    shares = {name + region: 0.7 for region in REGIONS for name in WITHIN} | {"within_two_on_relief": 0.9}
+    known = shares | {"stated_um": 1.0, "doubted": True}
+    tree = {"suites": {}}
+    collect(tree, run(plates=2, **known), WEIGHTS)
+    # Rows of before have no regions.
+    collect(tree, run(plates=3, row="poor"), WEIGHTS)
+    collect(tree, run(plates=1, row="another", **known | {"rmse_um": 2.0, "within_one_on_folds": None}), WEIGHTS)
+    lines = trust_table(tree["suites"], "direct")
+    assert lines[0] == ("| suite | plates | bare | lines | folds | all relief | wrong | flagged | good, flagged |")
+    assert lines[2] == "| `lab` | 3 | 70, 70 % | 70, 70 % | 70, 70 % | 70, 90 % | 2 | 2 of 2 | 1 of 1 |"
+    assert lines[3] == lines[2].replace("`lab`", "all") and len(lines) == 4
+    assert trust_table({}, "direct")[-1] == "| all | 0 | - | - | - | - | 0 | - | 0 of 0 |"

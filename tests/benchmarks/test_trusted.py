@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trusted import constants, is_wrong, plates, spread_alone, summary
+from benchmarks.trusted import constants, is_result_wrong, plates, spread_alone, summary
 from nets.reconstruct.with_bench import with_bench
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.reconstruct.base import Reconstruction
@@ -36,8 +36,8 @@ def test_the_spread_alone_is_what_was_before_the_bench_and_its_base():
 
 
 def test_wrong_is_three_times_what_is_stated():
-    assert is_wrong(row("a", 31, 10, False)) and not is_wrong(row("a", 29, 10, False))
-    assert is_wrong(row("a", 29, 10, False), "alone_um")
+    assert is_result_wrong(row("a", 31, 10, False)) and not is_result_wrong(row("a", 29, 10, False))
+    assert is_result_wrong(row("a", 29, 10, False), "alone_um")
 
 
 def test_the_summary_counts_wrong_and_good_ones_apart():
@@ -75,7 +75,7 @@ def test_the_page_says_what_the_detector_is_worth():
     said = re.search(
         r"(\d+) results, (\d+) are wrong, (\d+) of them flagged; of the (\d+) others (\d+)", " ".join(text.split())
     )
-    wrong, good = ([row for row in rows if is_wrong(row) == is_so] for is_so in (True, False))
+    wrong, good = ([row for row in rows if is_result_wrong(row) == is_so] for is_so in (True, False))
     flagged = [sum(row["is_flagged"] for row in each) for each in (wrong, good)]
     assert [int(number) for number in said.groups()] == [len(rows), len(wrong), flagged[0], len(good), flagged[1]]
     table = [[cell.strip() for cell in line.split("|")] for line in text.splitlines() if line.startswith("| `")]
@@ -83,7 +83,7 @@ def test_the_page_says_what_the_detector_is_worth():
     for _, name, plates_of, errors, _, within, kept, worse, found, *_ in table:
         own = [row for row in rows if row["row"] == name.strip("`")]
         assert [int(plates_of), int(worse), int(found)] == [
-            len(own), sum(map(is_wrong, own)), sum(row["is_flagged"] for row in own)
+            len(own), sum(map(is_result_wrong, own)), sum(row["is_flagged"] for row in own)
         ]  # fmt: skip
         assert int(kept) == sum(bool(row["is_kept"]) for row in own)
         means = [np.mean([row[key] for row in own]) for key in ("rmse_um", "uncertainty_um")]
@@ -109,7 +109,7 @@ def test_the_page_says_what_a_gpus_results_are_worth():
         means = [np.mean([row[key] for row in own]) for key in ("rmse_um", "uncertainty_um")]
         shares = [100 * np.mean([row[key] for row in own], axis=0) for key in ("within_relief", "without_bow")]
         care = np.median([row["care"] for row in own])
-        counts = [sum(map(is_wrong, own)), sum(row["is_flagged"] for row in own)]
+        counts = [sum(map(is_result_wrong, own)), sum(row["is_flagged"] for row in own)]
         assert [float(cell) for cell in cells] == pytest.approx(
             [len(own), *means, *shares[0], *shares[1], care, *counts], abs=0.501
         )
@@ -119,7 +119,7 @@ def test_the_page_counts_the_wrong_ones_of_another_gpu():
     """Benches, and how many results were wrong and flagged."""
     rows = json.loads(Path("benchmarks/trusted_h100.json").read_text())["rows"]
     text = " ".join(Path("docs/trust.md").read_text().split("plates more on an H100")[1].split())
-    wrong, good = ([row for row in rows if is_wrong(row) == is_so] for is_so in (True, False))
+    wrong, good = ([row for row in rows if is_result_wrong(row) == is_so] for is_so in (True, False))
     flagged = [sum(row["is_flagged"] for row in each) for each in (wrong, good)]
     said = re.search(
         r"Of these (\d+) results (\d+) (?:is|are) wrong, (\d+) of them flagged; of the (\d+) others (\d+) is", text

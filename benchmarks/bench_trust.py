@@ -1,0 +1,56 @@
+"""What stored results of the test bench state, against what they are: a table of docs/bench.md, by suite and region."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from nets.evaluation.bench.coverage import REGIONS, WITHIN
+from nets.evaluation.bench.detector import Detection, detection
+
+TITLES = {"_bare": "bare", "_on_lines": "lines", "_on_folds": "folds", "_on_relief": "all relief"}
+"""Of the regions that the table shows."""
+TOLD = ("rmse_um", "stated_um", "doubted", *(name + region for region in REGIONS for name in WITHIN))
+"""What is taken of a plate."""
+
+
+def plates_of(rows: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Stored plates of a method that state an uncertainty; rows that were stored before :data:`TOLD` lack some."""
+    for row in rows.values():
+        if all(name in row for name in TOLD):
+            for values in zip(*(row[name] for name in TOLD), strict=True):
+                if values[TOLD.index("stated_um")] is not None:
+                    yield dict(zip(TOLD, values, strict=True))
+
+
+def shares(plates: Sequence[Mapping[str, Any]], region: str) -> tuple[float, float] | None:
+    """Shares within one and two of a region, means over the plates that have some of it; None if none has."""
+    known = [
+        [plate[name + region] for name in WITHIN] for plate in plates if plate[next(iter(WITHIN)) + region] is not None
+    ]
+    if not known:
+        return None
+    one, two = np.mean(known, axis=0)
+    return float(one), float(two)
+
+
+def trust_table(suites: Mapping[str, Mapping[str, Any]], method: str) -> list[str]:
+    """Lines of the table in Markdown, a row for each suite and one for all of them."""
+    by_suite = {suite: list(plates_of(suites[suite].get(method, {}))) for suite in suites}
+    by_suite = {f"`{suite}`": plates for suite, plates in by_suite.items() if plates}
+    by_suite["all"] = [plate for plates in by_suite.values() for plate in plates]
+    head = ["suite", "plates", *TITLES.values(), "wrong", "flagged", "good, flagged"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for name, plates in by_suite.items():
+        cells = [name, str(len(plates)), *(_percent(shares(plates, region)) for region in TITLES)]
+        lines.append(f"| {' | '.join(cells + _counts(detection(plates)))} |")
+    return lines
+
+
+def _percent(found: tuple[float, float] | None) -> str:
+    return "-" if found is None else f"{100 * found[0]:.0f}, {100 * found[1]:.0f} %"
+
+
+def _counts(found: Detection) -> list[str]:
+    flagged = f"{found.wrong_flagged} of {found.wrong}" if found.wrong else "-"
+    return [str(found.wrong), flagged, f"{found.good_flagged} of {found.good}"]
