@@ -7,6 +7,7 @@ import torch
 
 from nets.reconstruct.with_doubt import with_doubt
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.relief_left import relief_left, size_of
 from warp_caustics.found_bench.rest_causes import rest_causes
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
 from warp_caustics.reconstruct.pyramid import check_image
@@ -66,7 +67,38 @@ def with_causes(
         predicted2 = seen.predicted2(found.heights_m, leaves_m, found_at)
     clear = None if numbers is None else BenchNumbers.of(numbers.scene, numbers.told_widths)
     causes = rest_causes(rest, found.heights_m, clear, camera, simulator.device, predicted2, answer)
-    return dataclasses.replace(found, counters=found.counters | {"rest": causes.record})
+    found = dataclasses.replace(found, counters=found.counters | {"rest": causes.record})
+    is_of_lines = found.fibres_m is not None or found.paths is not None
+    return with_relief_left(found, relief_left(rest, simulator.scene)) if is_of_lines else found
+
+
+def with_relief_left(found: Reconstruction, left_m: FloatArray) -> Reconstruction:
+    """A result of lines whose uncertainty has what they leave where light is even; as it is where that is noise.
+
+    Heights that are free have made up for it.
+
+    Args:
+        found: with ``counters["rest"]``.
+        left_m: the relief that would leave so much [m], shape [n, n].
+    """
+    if not left_m.any():
+        return found
+    size_m = size_of(left_m)
+    left_um = 1e6 * float(np.sqrt(np.mean(np.square(left_m))))
+    counters = found.counters | {"rest": found.counters["rest"] | {"relief_left_um": left_um}}
+    if found.uncertainty_m is None:
+        return dataclasses.replace(found, counters=counters)
+    stated_um = 1e6 * float(np.sqrt(np.mean(np.square(found.uncertainty_m, dtype=np.float64))))
+    warnings = found.warnings
+    if left_um > stated_um:
+        told = (
+            f"what lines leave of the image where light is even looks as of {left_um:.2g} um of relief (root mean "
+            f"square, up to {1e6 * float(np.abs(left_m).max()):.2g} um) that is no line, or of light that is uneven "
+            "there: see the difference of the images; it is in the uncertainty"
+        )
+        warnings = (*warnings, told)
+    whole = np.hypot(found.uncertainty_m, size_m)
+    return dataclasses.replace(found, counters=counters, uncertainty_m=whole, warnings=warnings)
 
 
 def explained(found: Reconstruction, image: CausticImage, scene: Scene, device: str | torch.device) -> Reconstruction:

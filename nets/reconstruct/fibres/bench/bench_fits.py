@@ -18,7 +18,7 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines, with_valley
+from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.image_fit import ImageFit
@@ -136,19 +136,21 @@ def fit_with_gap(run: Run) -> None:
     """
     if is_too_fine(run):
         return
-    together = run.together()
-    found = GapOfLines(together)(run.lines, run.bench)
-    if found is None:
-        return
+    made: list[BenchOfLines] = []
 
     def fit() -> float:
-        run.lines, run.bench = together.on(*found)
+        found = gap_of_lines(run)
+        if found is None:
+            return 0.0
+        together, nearer = found
+        made.append(together)
+        run.lines, run.bench = together.on(*nearer)
         run.view = run.on(run.bench)
         _search_again(run)
         return 1.0 if run.view.is_explained(run.lines) else BENCH_GAIN
 
     if _kept(run, fit):
-        run.bench = together.with_sigma(run.bench, _told_by(run, together))
+        run.bench = made[0].with_sigma(run.bench, _told_by(run, made[0]))
 
 
 def fit_with_bench(run: Run) -> None:
@@ -238,10 +240,8 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
 
         def fit(made: list[BenchOfLines] = made) -> float:
             run.numbers = dataclasses.replace(run.numbers, scene=losses_shown(run))
-            together = run.together(names)
-            made.append(together)
             before, view = run.lines, run.view
-            run.lines, run.bench = with_valley(together, run.lines, run.bench)
+            made.append(fit_together(run, names))
             run.view = run.on(run.bench)
             was, now = view.left(before), run.view.left(run.lines)
             enough = _enough(run, view.is_explained(before))

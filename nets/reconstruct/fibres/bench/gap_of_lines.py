@@ -98,7 +98,7 @@ def by_number(numbers: BenchNumbers, bench: Bench, parameter: Parameter) -> floa
     return (there.linear - ThinRelief.of(numbers.scene_of(bench.values)).linear) / (end - at)
 
 
-def along(numbers: BenchNumbers, bench: Bench, share: float) -> Bench:
+def along(numbers: BenchNumbers, bench: Bench, share: float, first: str | None = None) -> Bench:
     """The bench on which (n - 1) D is larger by a share.
 
     The number of gap, base and index that is believed least moves, and where it is at its limit the next.
@@ -107,6 +107,7 @@ def along(numbers: BenchNumbers, bench: Bench, share: float) -> Bench:
         numbers: that are looked for.
         bench: where to start.
         share: of (n - 1) D.
+        first: name of the number that moves before the others; None for that which is believed least.
 
     Raises:
         InputError: no such bench within the limits of the numbers.
@@ -115,7 +116,7 @@ def along(numbers: BenchNumbers, bench: Bench, share: float) -> Bench:
     slopes = {p.name: by_number(numbers, bench, p) for p in free}
     linear = ThinRelief.of(numbers.scene_of(bench.values)).linear
     rest, values = share * linear, dict(bench.values)
-    for p in sorted(free, key=lambda p: -p.prior * abs(slopes[p.name])):
+    for p in sorted(free, key=lambda p: (p.name != first, -p.prior * abs(slopes[p.name]))):
         if abs(rest) <= LEFT_OVER * abs(share) * linear:
             break
         was = values[p.name]
@@ -176,6 +177,20 @@ class GapOfLines:
             raise
         self.model.shape = shape if found is None else found.shape
         return None if found is None else (found.lines, found.bench)
+
+    def settled(self, lines: torch.Tensor, bench: Bench, missing: torch.Tensor | None) -> float:
+        """Misfit that lines, shape [L, 6] [m], and their section come down to on a bench.
+
+        Args:
+            lines: where they descend from.
+            bench: which stays.
+            missing: of the image, for its lattice, of lines that show nearly the same.
+        """
+        fit, shape = self.fit_on(bench), self.model.shape
+        fit.correct_by(missing)
+        found = fit.descend(lines, ITERATIONS, with_section=self.together.with_section)
+        self.model.shape = shape
+        return found.loss
 
     def _found(self, lines: torch.Tensor, bench: Bench, significant: float) -> Trial | None:
         """The least of the valley, where it lies significantly elsewhere."""

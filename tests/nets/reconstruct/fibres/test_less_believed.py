@@ -1,0 +1,100 @@
+"""Benches far from what was told: beliefs that are widened, and which of three numbers it was."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines
+from nets.reconstruct.fibres.bench.less_believed import FAR, gap_of_lines, less_believed, widened
+from tests.nets.reconstruct.fibres.test_gap_of_lines import (
+    LINES,
+    SCENE,
+    SHARP,
+    N,
+    error_um,
+    numbers,
+    on_told_bench,
+    photographed,
+)
+from warp_caustics.prints.model import LineModel
+
+
+class Run:
+    """What the search needs of a run."""
+
+    def __init__(self, model, image, told):
+        self.model, self.image, self.numbers = model, image, told
+        self.lines, self.bench = on_told_bench(model, image), Bench.told(told)
+
+    def together(self, names=None):
+        numbers = self.numbers if names is None else self.numbers.only(names)
+        return BenchOfLines(numbers, self.image, self.model, 2 * N, SHARP)
+
+
+@pytest.fixture
+def model():
+    return LineModel(SCENE)
+
+
+def moved(told, **values):
+    bench = Bench.told(told)
+    return dataclasses.replace(bench, values={**bench.values, **values})
+
+
+def test_beliefs_reach_as_far_as_a_bench():
+    told = numbers()
+    priors = {p.name: p.prior for p in told.parameters}
+    assert less_believed(told, Bench.told(told)) is told
+    near = moved(told, gap_m=1e-6 + 0.9 * FAR * priors["gap_m"])
+    assert less_believed(told, near) is told
+    far = moved(told, gap_m=1e-6 + 6 * priors["gap_m"], ambient=8 * priors["ambient"])
+    less = less_believed(told, far)
+    wider = {p.name: p.prior / priors[p.name] for p in less.parameters}
+    # Gap, base and index are believed less together, for one looks like another.
+    assert {name: pytest.approx(times) for name, times in wider.items() if times != 1} == {
+        "gap_m": 6, "base_thickness_m": 6, "index_offset": 6, "ambient": 8
+    }  # fmt: skip
+    assert widened(told, less) == {"gap_m", "base_thickness_m", "index_offset", "ambient"}
+    assert less_believed(less, far) is less
+
+
+def test_gap_base_and_index_are_far_together():
+    told = numbers()
+    priors = {p.name: p.prior for p in told.parameters}
+    each = {"gap_m": 1e-6, "base_thickness_m": 3e-3, "index_offset": 0.0}
+    bench = moved(told, **{name: value + 0.8 * FAR * priors[name] for name, value in each.items()})
+    assert widened(told, less_believed(told, bench)) == set(each)
+
+
+def test_what_the_user_says_stays():
+    told = numbers(gap_m=5e-6)
+    bench = moved(told, gap_m=1e-4, base_thickness_m=3.5e-3)
+    assert widened(told, less_believed(told, bench)) == {"base_thickness_m", "index_offset"}
+
+
+@pytest.mark.parametrize("name", ["base_thickness_m", "gap_m"])
+def test_a_bench_far_away_is_found_by_the_number_that_differs(model, name):
+    """One millimetre: a belief of 50 um ends on the way, and the other number would explain it less well."""
+    told = numbers()
+    image = photographed(model, **{name: Bench.told(told).values[name] + 1e-3})
+    run = Run(model, image, told)
+    on_told = error_um(model, run.lines)
+    nearer = GapOfLines(run.together())(run.lines, run.bench)
+    together, (lines, bench) = gap_of_lines(run)
+    assert nearer is not None and error_um(model, lines) < 0.1 * on_told
+    assert error_um(model, lines) < 0.3 * error_um(model, nearer[0])
+    apart = {key: value - told.before[key] for key, value in bench.values.items() if value != told.before[key]}
+    assert set(apart) == {name} and apart[name] == pytest.approx(1e-3, rel=0.1)
+    assert together.numbers == run.numbers and name in widened(told, run.numbers)
+    assert torch.equal(run.lines, on_told_bench(model, image)) and run.bench.values == Bench.told(told).values
+    assert np.isfinite(LINES.numpy()).all()
+
+
+def test_a_bench_that_is_as_told_is_left_alone(model):
+    told = numbers()
+    run = Run(model, photographed(model), told)
+    assert gap_of_lines(run) is None and run.numbers is told

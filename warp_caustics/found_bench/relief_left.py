@@ -1,0 +1,111 @@
+"""What is left of an image where its light is even, as the relief that would bend light so.
+
+Heights of few numbers, as lines have, cannot make up for what is none of them: a drip, a scratch, a wave of the base,
+a stripe of the lamp. What they leave is little of a whole image whose lines are twenty times as bright, and less than
+the noise of a pixel; of many pixels together it is not. Where light is even, a relief that is low and smooth changes it
+by
+
+    E - 1 = - laplace(phi),   phi = (n - 1) D h,
+
+(:mod:`warp_caustics.found_bench.thin_relief`, to first order), so that what is left is the relief that is missing,
+or light that is not even, which looks the same: a Poisson equation, no slope on the rim, solved in cosines.
+
+Only what is clearly left counts: more than noise leaves of means over ``MEAN_PX``, and more than flat frames are wrong
+by. Waves longer than ``LONGEST_M`` are left out: there a thousandth of light is tens of micrometres.
+"""
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+import torch
+
+from warp_caustics.found_bench.thin_relief import ThinRelief
+from warp_caustics.reconstruct.rest import Rest
+from warp_caustics.scene import Scene
+from warp_caustics.types import BoolArray, FloatArray
+
+MEAN_PX = 4.0
+"""Standard deviation of what is averaged over [px]."""
+SIGNIFICANT = 6.0
+"""Standard deviations of such means' noise, above which something is left: a whole image of noise has 4.5."""
+LEAST_LIGHT = 3e-3
+"""Of a flat plate's light, below which nothing is said: flat frames are as wrong, and what grain leaves of means."""
+MOSTLY = 0.5
+"""Share of such a mean that must be of even light."""
+NEAR_PX = 8
+"""Around what is clearly left, that counts as well [px]."""
+SHORTEST_M, LONGEST_M = 0.8e-3, 10e-3
+"""Wave lengths of what is told, from a line's width up."""
+SPREAD_SAMPLES = 2.0
+"""Over which the size of what is missing is told: where exactly its flanks are does not matter."""
+
+
+def relief_left(rest: Rest, scene: Scene) -> FloatArray:
+    """The relief that would leave what is left of even light [m], shape [n, n]; 0 where that is noise.
+
+    Args:
+        rest: of the image.
+        scene: the bench.
+    """
+    weight = rest.measurement.weight.double() / rest.variance
+    weight = weight.sum(0)
+    mean = (rest.left / rest.variance).sum(0) / weight.clamp_min(1e-12)
+    even, _ = rest.regions()
+    return as_relief(_numpy(mean), _numpy(weight * even), scene)
+
+
+def as_relief(light: FloatArray, weight: FloatArray, scene: Scene) -> FloatArray:
+    """The relief that changes even light so [m], shape [n, n]; 0 where it is noise.
+
+    Args:
+        light: difference, relative to that of a flat plate, shape [m, m].
+        weight: inverse of its variance, 0 where light is not even, shape [m, m].
+        scene: the bench.
+    """
+    shown = np.where(left_clearly(light, weight), light, 0.0)
+    n, pixels = scene.height_samples, len(light)
+    waves = scipy.fft.dctn(shown, norm="ortho")
+    size_x, size_y = scene.plate_size_m
+    along = np.pi * np.arange(pixels)
+    squared = (along[:, None] / size_y) ** 2 + (along[None, :] / size_x) ** 2
+    longest, shortest = ((2 * np.pi / length) ** 2 for length in (LONGEST_M, SHORTEST_M))
+    told = np.exp(-squared / shortest) * (1 - np.exp(-((squared / longest) ** 2)))
+    phi = waves * told / np.where(squared > 0, squared, np.inf)
+    # The first cosines are those of the coarser grid: no wave as short as its samples is left.
+    kept = min(n, pixels)
+    coarse = np.zeros((n, n))
+    coarse[:kept, :kept] = phi[:kept, :kept]
+    heights: FloatArray = scipy.fft.idctn(coarse, norm="ortho") * (n / pixels) / ThinRelief.of(scene).linear
+    return heights
+
+
+def left_clearly(light: FloatArray, weight: FloatArray) -> BoolArray:
+    """Where even light differs by more than noise and flat frames do, and near that, shape [m, m].
+
+    Args:
+        light: difference, relative to that of a flat plate, shape [m, m].
+        weight: inverse of its variance, 0 where light is not even, shape [m, m].
+    """
+    counted = _smooth(weight)
+    mean = _smooth(light * weight) / np.maximum(counted, 1e-12)
+    # Of the mean of white noise over a Gaussian.
+    sigma = np.sqrt(1 / np.maximum(counted, 1e-12) / (4 * np.pi * MEAN_PX**2))
+    is_even = _smooth(np.where(weight > 0, 1.0, 0.0)) > MOSTLY * _smooth(np.ones_like(weight))
+    clear = (np.abs(mean) > np.maximum(SIGNIFICANT * sigma, LEAST_LIGHT)) & is_even
+    near = scipy.ndimage.binary_dilation(clear, iterations=NEAR_PX) if clear.any() else clear
+    return np.asarray(near & (weight > 0))
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Means without what would lie beyond the rim, which mirrored would count twice."""
+    smooth: FloatArray = scipy.ndimage.gaussian_filter(values, MEAN_PX, mode="constant")
+    return smooth
+
+
+def size_of(heights_m: FloatArray) -> FloatArray:
+    """How large a relief is around each sample, root mean square [m], shape [n, n]."""
+    size: FloatArray = np.sqrt(np.maximum(scipy.ndimage.gaussian_filter(np.square(heights_m), SPREAD_SAMPLES), 0.0))
+    return size
+
+
+def _numpy(values: torch.Tensor) -> FloatArray:
+    return np.asarray(values.double().cpu().numpy())
