@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench import bench_fits
+from nets.reconstruct.fibres.bench import less_believed
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench, bench_record, lit, seen_on
 from nets.reconstruct.fibres.bench.bench_fits import (
     asked_next,
@@ -181,7 +181,7 @@ def test_gap_and_base_are_not_asked_of_a_picture_of_another_size(model, monkeypa
     run.numbers = replace(run.numbers, is_picture=True)
     assert asked_next(run, turns[-1:]) == (None, [])
     assert asked_next(run, turns)[0] == turns[0]
-    monkeypatch.setattr(bench_fits, "GapOfLines", lambda together: pytest.fail("asked"))
+    monkeypatch.setattr(less_believed, "GapOfLines", lambda together: pytest.fail("asked"))
     fit_with_gap(run)
     run.lines = LINES[:1]
     assert asked_next(run, turns[-1:])[0] == turns[-1]
@@ -213,7 +213,7 @@ def test_a_bench_that_explains_no_more_is_left(model, monkeypatch):
     wrong = LINES[:1]
     run = run_with(model, image, wrong)
     moved = bench_with(screen_x_m=1e-6)
-    monkeypatch.setattr(bench_fits, "with_valley", lambda together, lines, bench: (lines, moved))
+    monkeypatch.setattr(less_believed, "with_valley", lambda together, lines, bench: (lines, moved))
     fit_with_bench(run)
     assert run.lines is wrong and run.bench.is_told(NUMBERS) and run.covariance is None
     assert run.searched == [1], "but on the last, of all numbers"
