@@ -10,7 +10,7 @@ by
 (:mod:`warp_caustics.found_bench.thin_relief`, to first order), so that what is left is the relief that is missing,
 or light that is not even, which looks the same: a Poisson equation, no slope on the rim, solved in cosines.
 
-Only what is clearly left counts: more than noise leaves of means over ``MEAN_PX``, and more than flat frames are wrong
+Only what is clearly left counts: more than noise leaves of means over ``MEAN_M``, and more than flat frames are wrong
 by. Waves longer than ``LONGEST_M`` are left out: there a thousandth of light is tens of micrometres.
 """
 
@@ -23,16 +23,16 @@ from warp_caustics.reconstruct.rest import Rest
 from warp_caustics.scene import Scene
 from warp_caustics.types import BoolArray, FloatArray
 
-MEAN_PX = 4.0
-"""Standard deviation of what is averaged over [px]."""
+MEAN_M, LEAST_MEAN_PX = 0.4e-3, 1.5
+"""Standard deviation of what is averaged over; but at least so many pixels."""
 SIGNIFICANT = 6.0
 """Standard deviations of such means' noise, above which something is left: a whole image of noise has 4.5."""
 LEAST_LIGHT = 3e-3
 """Of a flat plate's light, below which nothing is said: flat frames are as wrong, and what grain leaves of means."""
 MOSTLY = 0.5
 """Share of such a mean that must be of even light."""
-NEAR_PX = 8
-"""Around what is clearly left, that counts as well [px]."""
+NEAR = 2.0
+"""Around what is clearly left, that counts as well, in standard deviations of what is averaged over."""
 SHORTEST_M, LONGEST_M = 0.8e-3, 10e-3
 """Wave lengths of what is told, from a line's width up."""
 SPREAD_SAMPLES = 2.0
@@ -61,7 +61,7 @@ def as_relief(light: FloatArray, weight: FloatArray, scene: Scene) -> FloatArray
         weight: inverse of its variance, 0 where light is not even, shape [m, m].
         scene: the bench.
     """
-    shown = np.where(left_clearly(light, weight), light, 0.0)
+    shown = np.where(left_clearly(light, weight, scene), light, 0.0)
     n, pixels = scene.height_samples, len(light)
     waves = scipy.fft.dctn(shown, norm="ortho")
     size_x, size_y = scene.plate_size_m
@@ -78,27 +78,28 @@ def as_relief(light: FloatArray, weight: FloatArray, scene: Scene) -> FloatArray
     return heights
 
 
-def left_clearly(light: FloatArray, weight: FloatArray) -> BoolArray:
+def left_clearly(light: FloatArray, weight: FloatArray, scene: Scene) -> BoolArray:
     """Where even light differs by more than noise and flat frames do, and near that, shape [m, m].
 
     Args:
         light: difference, relative to that of a flat plate, shape [m, m].
         weight: inverse of its variance, 0 where light is not even, shape [m, m].
+        scene: the bench.
     """
-    counted = _smooth(weight)
-    mean = _smooth(light * weight) / np.maximum(counted, 1e-12)
+    size = len(light) / max(scene.plate_size_m)
+    pixels = max(LEAST_MEAN_PX, size * MEAN_M)
+
+    def mean(values: FloatArray) -> FloatArray:
+        # Without what would lie beyond the rim: mirrored, it would count twice.
+        return np.asarray(scipy.ndimage.gaussian_filter(values, pixels, mode="constant"))
+
+    counted = np.maximum(mean(weight), 1e-12)
     # Of the mean of white noise over a Gaussian.
-    sigma = np.sqrt(1 / np.maximum(counted, 1e-12) / (4 * np.pi * MEAN_PX**2))
-    is_even = _smooth(np.where(weight > 0, 1.0, 0.0)) > MOSTLY * _smooth(np.ones_like(weight))
-    clear = (np.abs(mean) > np.maximum(SIGNIFICANT * sigma, LEAST_LIGHT)) & is_even
-    near = scipy.ndimage.binary_dilation(clear, iterations=NEAR_PX) if clear.any() else clear
+    sigma = np.sqrt(1 / counted / (4 * np.pi * pixels**2))
+    is_even = mean(np.where(weight > 0, 1.0, 0.0)) > MOSTLY * mean(np.ones_like(weight))
+    clear = (np.abs(mean(light * weight) / counted) > np.maximum(SIGNIFICANT * sigma, LEAST_LIGHT)) & is_even
+    near = scipy.ndimage.binary_dilation(clear, iterations=round(NEAR * pixels)) if clear.any() else clear
     return np.asarray(near & (weight > 0))
-
-
-def _smooth(values: FloatArray) -> FloatArray:
-    """Means without what would lie beyond the rim, which mirrored would count twice."""
-    smooth: FloatArray = scipy.ndimage.gaussian_filter(values, MEAN_PX, mode="constant")
-    return smooth
 
 
 def size_of(heights_m: FloatArray) -> FloatArray:

@@ -69,7 +69,7 @@ def test_light_that_grows_over_the_plate_is_no_relief():
     x, _ = places(M)
     slope = 0.01 * x / x.max()
     wave = 0.01 * np.sin(2 * np.pi * x / 4e-3)
-    found, waved = (size_of(as_relief(light, even(), SCENE)).max() for light in (slope, wave))
+    found, waved = (size_of(as_relief(light, even(0.5 * NOISE), SCENE)).max() for light in (slope, wave))
     linear = ThinRelief.of(SCENE).linear
     assert waved == pytest.approx(0.01 * (4e-3 / (2 * np.pi)) ** 2 / linear / np.sqrt(2), rel=0.3)
     assert found < 3 * 0.01 * (LONGEST_M / (2 * np.pi)) ** 2 / linear
@@ -78,8 +78,8 @@ def test_light_that_grows_over_the_plate_is_no_relief():
 def test_what_is_left_at_lines_does_not_count():
     _, bent = bump(M, 30e-6, 1e-3)
     light = -ThinRelief.of(SCENE).linear * bent
-    assert left_clearly(light, even()).any()
+    assert left_clearly(light, even(), SCENE).any()
     x, y = places(M)
     weight = np.where(np.hypot(x - 4e-3, y + 6e-3) < 5e-3, 0.0, even())
-    assert not left_clearly(light, weight).any()
+    assert not left_clearly(light, weight, SCENE).any()
     assert not as_relief(light, np.zeros((M, M)), SCENE).any()
