@@ -31,6 +31,8 @@ LEAST_LIGHT = 3e-3
 """Of a flat plate's light, below which nothing is said: flat frames are as wrong, and what grain leaves of means."""
 MOSTLY = 0.5
 """Share of such a mean that must be of even light."""
+RIM_M, LEAST_RIM_PX = 0.6e-3, 4
+"""What is not looked at along the picture's edge, which lies in these pixels where lamp or place are not as told."""
 NEAR = 2.0
 """Around what is clearly left, that counts as well, in standard deviations of what is averaged over."""
 SHORTEST_M, LONGEST_M = 0.8e-3, 10e-3
@@ -50,7 +52,15 @@ def relief_left(rest: Rest, scene: Scene) -> FloatArray:
     weight = weight.sum(0)
     mean = (rest.left / rest.variance).sum(0) / weight.clamp_min(1e-12)
     even, _ = rest.regions()
-    return as_relief(_numpy(mean), _numpy(weight * even), scene)
+    return as_relief(_numpy(mean), _numpy(weight * even * _within_rim(even, scene)), scene)
+
+
+def _within_rim(even: torch.Tensor, scene: Scene) -> torch.Tensor:
+    """1 where pixels are farther than the rim from the picture's edge, else 0, shape [m, m]."""
+    rim = max(LEAST_RIM_PX, round(RIM_M * len(even) / max(scene.plate_size_m)))
+    inside = torch.zeros_like(even)
+    inside[rim:-rim, rim:-rim] = True
+    return inside
 
 
 def as_relief(light: FloatArray, weight: FloatArray, scene: Scene) -> FloatArray:
