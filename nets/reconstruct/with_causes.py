@@ -47,14 +47,7 @@ def with_causes(
     """
     if numbers is not None and found.counters.get("bench", {}).get("is_kept"):
         return found
-    camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
-    if "camera" in found.counters:
-        camera = ChannelCamera.of_record(found.counters["camera"], simulator.scene.image_pixels)
-    if "exposure" in found.counters:
-        seen = Resimulation(simulator, image, np.asarray(found.counters["exposure"], np.float64))
-    else:
-        seen = Resimulation(simulator, image).exposed(found.heights_m)
-    seen = seen.through(camera)
+    seen, camera = seen_by(found, image, simulator)
     if is_exact:
         seen = seen.finer()
     found_at = None if found.trust is None else found.trust.pixels
@@ -70,6 +63,26 @@ def with_causes(
     found = dataclasses.replace(found, counters=found.counters | {"rest": causes.record})
     is_of_lines = found.fibres_m is not None or found.paths is not None
     return with_relief_left(found, relief_left(rest, simulator.scene)) if is_of_lines else found
+
+
+def seen_by(
+    found: Reconstruction, image: CausticImage, simulator: CausticSimulator
+) -> tuple[Resimulation, ChannelCamera]:
+    """What a result's image is compared with, and the camera that it found."""
+    camera = ChannelCamera.perfect(simulator.scene.n_wavelengths, simulator.scene.image_pixels)
+    if "camera" in found.counters:
+        camera = ChannelCamera.of_record(found.counters["camera"], simulator.scene.image_pixels)
+    if "exposure" in found.counters:
+        seen = Resimulation(simulator, image, np.asarray(found.counters["exposure"], np.float64))
+    else:
+        seen = Resimulation(simulator, image).exposed(found.heights_m)
+    return seen.through(camera), camera
+
+
+def looks_bare(found: Reconstruction, image: CausticImage, simulator: CausticSimulator) -> bool:
+    """Whether a plate without relief leaves nothing but noise of a result's image; False where that cannot be told."""
+    rest = seen_by(found, image, simulator)[0].rest(np.zeros_like(found.heights_m))
+    return rest is not None and not relief_left(rest, simulator.scene).any()
 
 
 def with_relief_left(found: Reconstruction, left_m: FloatArray) -> Reconstruction:
@@ -93,7 +106,7 @@ def with_relief_left(found: Reconstruction, left_m: FloatArray) -> Reconstructio
     if left_um > stated_um:
         told = (
             f"what lines leave of the image where light is even looks as of {left_um:.2g} um of relief (root mean "
-            f"square, up to {1e6 * float(np.abs(left_m).max()):.2g} um) that is no line, or of light that is uneven "
+            f"square, up to {1e6 * float(np.abs(left_m).max()):.2g} um) that is no line, or of dust or uneven light "
             "there: see the difference of the images; it is in the uncertainty"
         )
         warnings = (*warnings, told)

@@ -104,6 +104,12 @@ class ThinRelief:
         """F(h) [m^2], shape of heights [m]."""
         return heights * (self.linear + self.square * heights)
 
+    def unbent(self, bent: FloatArray) -> FloatArray:
+        """Heights of F [m], the inverse of :meth:`bent`; shape of those [m^2]."""
+        root = np.sqrt(np.maximum(self.linear**2 + 4 * self.square * bent, 0.0))
+        # The positive root of square h^2 + linear h = bent, without differences of what is nearly equal.
+        return np.asarray(2 * bent / (self.linear + root))
+
     def bending(self, heights: FloatArray) -> FloatArray:
         """F'(h) [m], at least a tenth of that of the base."""
         return np.asarray(np.maximum(self.linear + 2 * self.square * heights, 0.1 * self.linear))

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, as_measured, bench_record, bench_warnings
+from nets.reconstruct.fibres.bench.less_believed import CLEAN
 from nets.reconstruct.fibres.bench.line_posterior import (
     JointCovariance,
     height_deviation,
@@ -21,7 +22,7 @@ from nets.reconstruct.fibres.image.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.shapes.curves_paths import paths_of
 from nets.reconstruct.fibres.shapes.waves import WavyLines
-from nets.reconstruct.fibres.trust.beliefs import as_stated, times_less_known
+from nets.reconstruct.fibres.trust.beliefs import as_stated, left_open_by_lens, times_less_known
 from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
@@ -96,6 +97,9 @@ def result_of(run: Run) -> Reconstruction:
         is_asked = method.options.causes and not is_noise_left
         rest = view.resimulation.rest(heights, found_at) if is_asked else None
         posterior = None if covariance is None else height_deviation(run.model, run.lines, covariance)
+        if run.takes_lines and view is not run.told and left is not None and left > CLEAN:
+            unsure = left_open_by_lens(heights, run.numbers.scene, run.numbers.scene_of(run.bench.values))
+            posterior = unsure if posterior is None else np.hypot(posterior, unsure)
         flat, places, crossing = method.options.flatness_beside, None, None
         if is_noise_left:
             flat = flat if method.options.flatness_m is not None else min(flat, BARE_M)

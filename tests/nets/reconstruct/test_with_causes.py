@@ -8,12 +8,11 @@ import torch
 
 import nets.reconstruct.with_causes as module
 from nets.reconstruct.direct import unlike_training
-from nets.reconstruct.with_causes import with_causes
+from nets.reconstruct.with_causes import looks_bare, with_causes
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
-from warp_caustics.reconstruct.trust import Trust
 from warp_caustics.simulator import CausticSimulator
 
 TIMES = 5.0
@@ -76,15 +75,23 @@ def test_nothing_is_told_of_noise_or_of_heights_that_are_free():
         assert found.uncertainty_m.max() == 1e-7
 
 
-@pytest.mark.parametrize(("flat", "is_kept"), [(0.022, True), (0.4, False)])
-def test_networks_state_nothing_of_images_without_bright_lines(flat, is_kept):
+@pytest.mark.parametrize("is_bare", [True, False])
+def test_networks_state_nothing_of_images_without_bright_lines(is_bare):
     """But of a bare plate, whose image is noise."""
-    trust = Trust("line", True, 0.02, 0.02, 0.0, flat, 0.0, "given")
-    known = Reconstruction(
-        "m", np.zeros((4, 4)), np.zeros((3, 1, 1)), 0.02, "converged", trust=trust, uncertainty_m=np.ones((4, 4))
-    )
-    found = unlike_training(known)
-    assert (found.uncertainty_m is not None) == is_kept and bool(found.no_uncertainty) != is_kept
+    known = Reconstruction("m", np.zeros((4, 4)), np.zeros((3, 1, 1)), 0.02, "converged", uncertainty_m=np.ones((4, 4)))
+    found = unlike_training(known, is_bare=is_bare)
+    assert (found.uncertainty_m is not None) == is_bare != bool(found.no_uncertainty)
     assert any("no bright lines" in line for line in found.warnings)
-    without = unlike_training(replace(known, uncertainty_m=None, no_uncertainty="one answer"))
+    without = unlike_training(replace(known, uncertainty_m=None, no_uncertainty="one answer"), is_bare=is_bare)
     assert without.no_uncertainty == "one answer"
+
+
+@pytest.mark.parametrize(("height_m", "is_bare"), [(0.0, True), (2e-4, False)])
+def test_a_bare_plate_looks_so(height_m, is_bare):
+    along = np.linspace(0, 6 * np.pi, N)
+    hills = height_m * (1 + np.sin(along[:, None]) * np.sin(along)) / 2
+    noise = 0.01 * np.random.default_rng(0).standard_normal((3, SCENE.image_pixels, SCENE.image_pixels))
+    light = light_of(SCENE, torch.from_numpy(hills)).numpy()
+    seen = CausticImage((light + noise).astype(np.float32), np.full(3, 0.01))
+    found = Reconstruction("m", hills, np.zeros((3, 1, 1)), 0.0, "converged")
+    assert looks_bare(found, seen, CausticSimulator(SCENE, "lattice")) == is_bare

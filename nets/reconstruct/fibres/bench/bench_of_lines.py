@@ -151,14 +151,14 @@ class BenchOfLines:
             for part in PARTS:
                 trial = self._moved(bench, part * beside, sigma)
                 nearer = self.model.clamped(lines + part * (moved - lines))
+                self.model.shape = section
                 try:
                     on_trial = self.fit_on(trial)
+                    on_trial.correct_by(fit.missing)
+                    # What lines and bench change together is in no linear image of both.
+                    settled = on_trial.descend(nearer, SETTLING, with_section=self.with_section)
                 except InputError:
                     continue
-                on_trial.correct_by(fit.missing)
-                self.model.shape = section
-                # What lines and bench change together is in no linear image of both.
-                settled = on_trial.descend(nearer, SETTLING, with_section=self.with_section)
                 nearer, found = settled.lines, settled.loss
                 if found < loss:
                     break

@@ -17,7 +17,6 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
@@ -81,10 +80,7 @@ def on_other_bench(lines: torch.Tensor, here: Scene, there: Scene) -> torch.Tens
         here: their bench.
         there: the other.
     """
-    other = ThinRelief.of(there)
-    bent = ThinRelief.of(here).bent(lines[:, HEIGHT].numpy())
-    # The positive root of square h^2 + linear h = bent, without differences of what is nearly equal.
-    heights = 2 * bent / (other.linear + np.sqrt(np.maximum(other.linear**2 + 4 * other.square * bent, 0.0)))
+    heights = ThinRelief.of(there).unbent(ThinRelief.of(here).bent(lines[:, HEIGHT].numpy()))
     moved = lines.clone()
     moved[:, HEIGHT] = torch.from_numpy(heights)
     return moved
@@ -274,11 +270,12 @@ class _Valley:
         try:
             start = self.moved(near, share)
             fit = self.method.fit_on(start.bench)
+            fit.correct_by(self._missing)
+            model.shape = start.shape
+            found = fit.descend(start.lines, iterations, with_section=self.method.together.with_section)
         except InputError:
+            model.shape = near.shape
             return dataclasses.replace(near, share=share, loss=math.inf)
-        fit.correct_by(self._missing)
-        model.shape = start.shape
-        found = fit.descend(start.lines, iterations, with_section=self.method.together.with_section)
         return Trial(share, start.bench, found.lines, model.shape, found.loss + self.believed(start.bench))
 
     def bracket(self, start: Trial, best: Trial) -> tuple[Trial, Trial, Trial]:

@@ -8,6 +8,7 @@ together. What is stated afterwards is another question:
   well known (the Birge ratio, as in :mod:`warp_caustics.found_bench.care`): a gap that is found 58 um wider where 10 um
   are believed may as well be a base.
 - what is not noise errs together, and noise does not.
+- a bench on which lines leave more than noise may be none (:func:`left_open_by_lens`).
 """
 
 import dataclasses
@@ -22,7 +23,11 @@ from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, SHAPE_WI
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.shapes.waves import noise_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.found_bench.bench_uncertainty import careful_widths
+from warp_caustics.found_bench.bench_record import SIGNIFICANT
+from warp_caustics.found_bench.bench_uncertainty import DISPERSION, GLASS, INDEX_OFFSET, careful_widths
+from warp_caustics.found_bench.thin_relief import ThinRelief
+from warp_caustics.scene import Scene
+from warp_caustics.types import FloatArray
 
 USUAL_NOISE = 0.02
 """Of a pixel, in units of the radiosity, at which a hundred were seen to err together; what is more is noise."""
@@ -43,7 +48,26 @@ def times_less_known(numbers: BenchNumbers, bench: Bench) -> float:
 def stated_widths(numbers: BenchNumbers, bench: Bench) -> dict[str, float]:
     """Standard deviations of gap, base and index before the image is seen, by name; none that the user has told."""
     times, widths = times_less_known(numbers, bench), careful_widths(numbers.scene)
-    return {name: times * widths[name] for name in BEND_LIGHT if name not in numbers.told_widths}
+    stated = {name: times * widths[name] for name in BEND_LIGHT if name not in numbers.told_widths}
+    colours = abs(bench.values.get(DISPERSION, 0.0) - numbers.before.get(DISPERSION, 0.0))
+    if INDEX_OFFSET in stated and colours > SIGNIFICANT * bench.sigma.get(DISPERSION, math.inf):
+        stated[INDEX_OFFSET] = math.hypot(stated[INDEX_OFFSET], GLASS * colours)
+    return stated
+
+
+def left_open_by_lens(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
+    """How far heights on the found bench are from those that show the same on the told one [m], shape [n, n].
+
+    What lines leave beside noise, a lamp's size or a lens that nobody told of, may have moved gap, base and index by
+    all of that: under a lamp of half angle 1 degree lines told of a gap 0.2 mm wider, and were 7 % too low.
+
+    Args:
+        heights_m: found, shape [n, n].
+        told: the bench as it is told.
+        found: the bench that lines told.
+    """
+    bent = ThinRelief.of(found).bent(heights_m)
+    return np.abs(ThinRelief.of(told).unbent(bent) - heights_m)
 
 
 def independent_share(noise: float, left: float) -> float:

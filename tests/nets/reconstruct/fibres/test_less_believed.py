@@ -4,14 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from nets.reconstruct.fibres.bench import less_believed as less_believed_module
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.bench.less_believed import FAR, gap_of_lines, less_believed, widened
+from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.fibres.test_gap_of_lines import (
-    LINES,
     SCENE,
     SHARP,
     N,
@@ -20,7 +21,11 @@ from tests.nets.reconstruct.fibres.test_gap_of_lines import (
     on_told_bench,
     photographed,
 )
+from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_uncertainty import GLASS
 from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.simulator import CausticSimulator
 
 
 class Run:
@@ -29,6 +34,11 @@ class Run:
     def __init__(self, model, image, told):
         self.model, self.image, self.numbers = model, image, told
         self.lines, self.bench = on_told_bench(model, image), Bench.told(told)
+
+    def on(self, bench):
+        simulator = CausticSimulator(self.numbers.scene_of(bench.values), "lattice")
+        image = seen_on(self.image, self.numbers, bench)
+        return LinesView(Resimulation(simulator, image, np.ones(3)), self.model)
 
     def together(self, names=None):
         numbers = self.numbers if names is None else self.numbers.only(names)
@@ -54,11 +64,10 @@ def test_beliefs_reach_as_far_as_a_bench():
     far = moved(told, gap_m=1e-6 + 6 * priors["gap_m"], ambient=8 * priors["ambient"])
     less = less_believed(told, far)
     wider = {p.name: p.prior / priors[p.name] for p in less.parameters}
-    # Gap, base and index are believed less together, for one looks like another.
-    assert {name: pytest.approx(times) for name, times in wider.items() if times != 1} == {
-        "gap_m": 6, "base_thickness_m": 6, "index_offset": 6, "ambient": 8
+    assert {name: times for name, times in wider.items() if times != 1} == {
+        "gap_m": pytest.approx(6), "ambient": pytest.approx(8)
     }  # fmt: skip
-    assert widened(told, less) == {"gap_m", "base_thickness_m", "index_offset", "ambient"}
+    assert widened(told, less) == {"gap_m", "ambient"}
     assert less_believed(less, far) is less
 
 
@@ -73,7 +82,17 @@ def test_gap_base_and_index_are_far_together():
 def test_what_the_user_says_stays():
     told = numbers(gap_m=5e-6)
     bench = moved(told, gap_m=1e-4, base_thickness_m=3.5e-3)
-    assert widened(told, less_believed(told, bench)) == {"base_thickness_m", "index_offset"}
+    assert widened(told, less_believed(told, bench)) == {"base_thickness_m"}
+
+
+def test_another_dispersion_is_another_glass():
+    told = numbers()
+    less = less_believed(told, moved(told, dispersion_scale=0.0))
+    assert widened(told, less) == {"dispersion_scale", "index_offset"}
+    assert {p.name: p.prior for p in less.parameters}["index_offset"] == pytest.approx(GLASS)
+    assert less_believed(less, moved(told, dispersion_scale=0.0)) is less
+    known = numbers(index_offset=1e-4)
+    assert widened(known, less_believed(known, moved(known, dispersion_scale=0.0))) == {"dispersion_scale"}
 
 
 @pytest.mark.parametrize("name", ["base_thickness_m", "gap_m"])
@@ -82,7 +101,7 @@ def test_a_bench_far_away_is_found_by_the_number_that_differs(model, name):
     told = numbers()
     image = photographed(model, **{name: Bench.told(told).values[name] + 1e-3})
     run = Run(model, image, told)
-    on_told = error_um(model, run.lines)
+    on_told, lines_before = error_um(model, run.lines), run.lines
     nearer = GapOfLines(run.together())(run.lines, run.bench)
     together, (lines, bench) = gap_of_lines(run)
     assert nearer is not None and error_um(model, lines) < 0.1 * on_told
@@ -90,11 +109,31 @@ def test_a_bench_far_away_is_found_by_the_number_that_differs(model, name):
     apart = {key: value - told.before[key] for key, value in bench.values.items() if value != told.before[key]}
     assert set(apart) == {name} and apart[name] == pytest.approx(1e-3, rel=0.1)
     assert together.numbers == run.numbers and name in widened(told, run.numbers)
-    assert torch.equal(run.lines, on_told_bench(model, image)) and run.bench.values == Bench.told(told).values
-    assert np.isfinite(LINES.numpy()).all()
+    assert run.lines is lines_before and run.bench.values == Bench.told(told).values
 
 
 def test_a_bench_that_is_as_told_is_left_alone(model):
     told = numbers()
     run = Run(model, photographed(model), told)
     assert gap_of_lines(run) is None and run.numbers is told
+
+
+def test_a_bench_that_leaves_more_than_noise_is_believed_no_less(model, monkeypatch):
+    told = numbers()
+    run = Run(model, photographed(model, gap_m=1e-3), told)
+    monkeypatch.setattr(less_believed_module, "CLEAN", 0.1)
+    _, (_, bench) = gap_of_lines(run)
+    assert run.numbers is told and 5e-5 < bench.values["gap_m"] < 9e-4
+
+
+def test_a_step_through_the_plate_is_no_step(model, monkeypatch):
+    """Heights of a trial may cut through a base that grew thin on the way."""
+    told = numbers(gap_m=4e-4, base_thickness_m=2e-4)
+    run = Run(model, photographed(model, gap_m=1e-4), told)
+
+    def cut(*_, **__):
+        raise InputError("height -2e-06 m cuts through the plate")
+
+    together = run.together()
+    monkeypatch.setattr(ImageFit, "descend", cut)
+    assert GapOfLines(together)(run.lines, run.bench) is None
