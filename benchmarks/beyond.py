@@ -1,6 +1,6 @@
 """What no model knows: odd prints, benches, cameras and mistakes, and whether results say so where they are wrong.
 
-    python -m benchmarks.beyond [--names groove hair ...] [--plates 0 1] [--method fibres] [--device cuda] [--json FILE]
+    python -m benchmarks.beyond [--names groove hair ...] [--plates 0 1] [--device cuda] [--json FILE]
     python -m benchmarks.beyond --read FILE ...     # the table of docs/trust.md
 
 Plates are those of the row ``nothing`` of ``one-thing`` with a seed of their own; told is the default scene, and
@@ -151,6 +151,7 @@ def main() -> None:
     parser.add_argument("--names", nargs="+", default=list(NAMES), choices=list(NAMES), metavar="NAME")
     parser.add_argument("--plates", nargs="+", type=int, default=[0], choices=range(PLATES), metavar="NUMBER")
     parser.add_argument("--method", default="fibres", choices=("direct", "fibres", "auto"))
+    parser.add_argument("--set-up", default="estimate", choices=("known", "estimate"), help="what a GPU does")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--read", type=Path, nargs="+", help="figures of earlier runs, to be made a table")
@@ -159,7 +160,7 @@ def main() -> None:
         rows = [row for file in arguments.read for row in json.loads(file.read_text())["rows"]]
         print("\n".join([*table(rows), summary(rows)]))
         return
-    rows, method = [], create(arguments.method, Scene(), device=arguments.device)
+    rows, method = [], create(arguments.method, Scene(), device=arguments.device, set_up=arguments.set_up)
     for number in arguments.plates:
         for name in arguments.names:
             image, truth = odd_image(plate_case(number), name, arguments.device)

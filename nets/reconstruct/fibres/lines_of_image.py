@@ -107,6 +107,8 @@ class LinesOfImage:
         """Of lines and bench, where both were found; ``counted`` are those lines, ``asked`` the bench's numbers."""
         self.counted = self.lines
         self.asked: Collection[str] = self.numbers.names
+        self.hinted = 0.0
+        """Share by which light goes farther than on the bench, as lines hint but do not tell."""
         self.waves: WavyLines | None = None
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None

@@ -22,7 +22,7 @@ from nets.reconstruct.fibres.image.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.shapes.curves_paths import paths_of
 from nets.reconstruct.fibres.shapes.waves import WavyLines
-from nets.reconstruct.fibres.trust.beliefs import as_stated, left_open_by_lens, times_less_known
+from nets.reconstruct.fibres.trust.beliefs import as_stated, left_open_by_hint, left_open_by_lens, times_less_known
 from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
@@ -49,6 +49,7 @@ class Run(ImageRun, Protocol):
     exposure: NDArray[np.float64]
     takes_lines: bool
     is_noise_left: bool
+    hinted: float
     timings: dict[str, float]
     counters: dict[str, Any]
 
@@ -65,6 +66,15 @@ def _covariance(run: Run) -> JointCovariance | None:
     if run.is_noise_left and run.curves is None and run.waves is None:
         return noise_covariance(run.view, run.lines, with_section=run.moves_section)
     return None
+
+
+def _left_open_by_bench(run: Run, heights_m: FloatArray, left: float | None) -> FloatArray:
+    """What a bench that was found, or not, leaves open of the heights besides its covariance [m], shape [n, n]."""
+    numbers, scene = run.numbers, run.view.scene
+    unsure = left_open_by_hint(heights_m, scene, run.hinted)
+    if run.view is not run.told and left is not None and left > CLEAN:
+        unsure = np.hypot(unsure, left_open_by_lens(heights_m, numbers.scene, numbers.scene_of(run.bench.values)))
+    return unsure
 
 
 def result_of(run: Run) -> Reconstruction:
@@ -92,14 +102,17 @@ def result_of(run: Run) -> Reconstruction:
             "less_known": times_less_known(run.numbers, run.bench),
         }
         warnings += bench_warnings(run.numbers, run.bench, record)
+    if run.takes_lines and run.hinted:
+        counters["hinted"] = run.hinted
+        warnings.append(
+            f"lines hint at a bench with {100 * run.hinted:+.1f} % on base, gap and index together, and do not tell it "
+            "clearly: heights are those on the bench that was told, and as uncertain; measure base and gap"
+        )
     uncertainty = None
     if answer.uncertainty_m is not None:
         is_asked = method.options.causes and not is_noise_left
         rest = view.resimulation.rest(heights, found_at) if is_asked else None
         posterior = None if covariance is None else height_deviation(run.model, run.lines, covariance)
-        if run.takes_lines and view is not run.told and left is not None and left > CLEAN:
-            unsure = left_open_by_lens(heights, run.numbers.scene, run.numbers.scene_of(run.bench.values))
-            posterior = unsure if posterior is None else np.hypot(posterior, unsure)
         flat, places, crossing = method.options.flatness_beside, None, None
         if is_noise_left:
             flat = flat if method.options.flatness_m is not None else min(flat, BARE_M)
@@ -107,9 +120,8 @@ def result_of(run: Run) -> Reconstruction:
             crossing = crossing_samples(heights, view.scene) if run.covariance is None else None
         kind = {"has_waves": run.waves is not None, "has_curves": run.curves is not None}
         of = calibration_of(run.model.shape, is_blurred=bool(np.any(view.camera.blur)), **kind)
-        uncertainty = of_lines(
-            answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of, crossing
-        )
+        stated = of_lines(answer.uncertainty_m, heights, rest, is_noise_left, flat, posterior, places, of, crossing)
+        uncertainty = np.hypot(stated, _left_open_by_bench(run, heights, left)) if run.takes_lines else stated
     # Lines that leave nothing but noise were found without the lattice's own error, and are shown without it.
     shown = view.resimulation.finer() if run.takes_lines and is_noise_left else view.resimulation
     result = network_result(

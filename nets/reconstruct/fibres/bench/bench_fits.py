@@ -65,6 +65,7 @@ class Run(Protocol):
     view: LinesView
     bench: Bench
     numbers: BenchNumbers
+    hinted: float
     covariance: JointCovariance | None
     counted: torch.Tensor
     asked: Collection[str]

@@ -48,6 +48,8 @@ MOST_MOVES = 4
 """Of the last parabola, until its middle is its least."""
 VALLEYS, FARTHER = 2, 1.0
 """How often the valley is followed where the bench is found anyhow, and from how many standard deviations on."""
+HINTING = 2.0
+"""Standard deviations from which on another bench is hinted at, though not taken."""
 LEAST_WIDTH = FIRST_STEP / 2
 """Of half the last parabola: what lines leave is uneven by what their descents have not reached, and the curvature of
 a narrower one would be that of noise."""
@@ -144,6 +146,8 @@ class GapOfLines:
     def __init__(self, together: BenchOfLines):
         self.together, self.numbers, self.model = together, together.numbers, together.model
         self._channel = clearest_wavelength(together.image, together.numbers.scene)
+        self.hinted = 0.0
+        """Share of (n - 1) D by which the last search would have gone, had that been significant."""
 
     def fit_on(self, bench: Bench) -> ImageFit:
         """The misfit on a bench: all pixels, since fewer look like another bench.
@@ -213,11 +217,16 @@ class GapOfLines:
         middle = min(middle, search.trial(middle, least), key=lambda each: each.loss)
         left, middle, right = search.around(middle, max(LEAST_WIDTH, math.sqrt(weight / curvature)))
         least, curvature = vertex(left, middle, right)
-        if curvature <= 0 or abs(least) <= significant * math.sqrt(weight / curvature):
+        asked = min(significant, HINTING)
+        if curvature <= 0 or abs(least) <= asked * math.sqrt(weight / curvature):
             return None
         # Descents on the way have moved lines that were not yet right: the bench they came from has its share of that.
-        back = search.trial(middle, 0.0)
-        if min(back.loss, start.loss) - middle.loss <= weight * significant**2 / 2:
+        gain = min(search.trial(middle, 0.0).loss, start.loss) - middle.loss
+        if gain <= weight * asked**2 / 2:
+            return None
+        far = min(abs(least) / math.sqrt(weight / curvature), math.sqrt(2 * gain / weight))
+        if far <= significant:
+            self.hinted = least
             return None
         return search.moved(middle, least)
 

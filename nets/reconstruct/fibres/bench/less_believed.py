@@ -48,6 +48,8 @@ class Run(Protocol):
     lines: torch.Tensor
     bench: Bench
     numbers: BenchNumbers
+    hinted: float
+    """Share of (n - 1) D by which light goes farther than on the bench, as lines hint."""
 
     def on(self, bench: Bench) -> LinesView:
         """The image on a bench, with the camera that the lines tell there."""
@@ -91,7 +93,9 @@ def gap_of_lines(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | 
     before = run.numbers
     run.numbers = less_believed(before, run.bench)
     numbers, together = run.numbers, run.together()
-    found = GapOfLines(together)(run.lines, run.bench)
+    valley = GapOfLines(together)
+    found = valley(run.lines, run.bench)
+    run.hinted = valley.hinted
     if found is None:
         run.numbers = before
         return None
@@ -122,6 +126,7 @@ def fit_together(run: Run, names: Collection[str]) -> BenchOfLines:
         names: of the numbers.
     """
     run.numbers = less_believed(run.numbers, run.bench)
+    run.hinted = 0.0 if set(BEND_LIGHT) & set(names) else run.hinted
     numbers, together = run.numbers, run.together(names)
     run.lines, run.bench = with_valley(together, run.lines, run.bench)
     narrow, shape = (together, run.lines, run.bench), run.model.shape

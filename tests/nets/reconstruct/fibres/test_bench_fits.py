@@ -61,6 +61,7 @@ def run_with(model, image, lines):
     run = SimpleNamespace(model=model, lines=lines, view=view, told=view, bench=Bench.told(NUMBERS), numbers=NUMBERS)
     run.covariance, run.counted, run.asked = None, None, NUMBERS.names
     run.moves_section = run.is_elsewhere = False
+    run.hinted = 0.0
     run.search, run.searched = lambda start, jumps: run.searched.append(jumps), []
 
     def on(bench):

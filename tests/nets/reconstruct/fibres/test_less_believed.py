@@ -12,6 +12,7 @@ from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines
 from nets.reconstruct.fibres.bench.less_believed import FAR, gap_of_lines, less_believed, widened
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.trust.beliefs import left_open_by_hint, left_open_by_lens
 from tests.nets.reconstruct.fibres.test_gap_of_lines import (
     SCENE,
     SHARP,
@@ -23,8 +24,10 @@ from tests.nets.reconstruct.fibres.test_gap_of_lines import (
 )
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_uncertainty import GLASS
+from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
 
 
@@ -33,6 +36,7 @@ class Run:
 
     def __init__(self, model, image, told):
         self.model, self.image, self.numbers = model, image, told
+        self.hinted = 0.0
         self.lines, self.bench = on_told_bench(model, image), Bench.told(told)
 
     def on(self, bench):
@@ -137,3 +141,26 @@ def test_a_step_through_the_plate_is_no_step(model, monkeypatch):
     together = run.together()
     monkeypatch.setattr(ImageFit, "descend", cut)
     assert GapOfLines(together)(run.lines, run.bench) is None
+
+
+def test_a_bench_that_is_hinted_at_is_no_bench_but_a_doubt(model):
+    """Of what the image says, too little to be believed."""
+    told = numbers()
+    run = Run(model, photographed(model, gap_m=5e-5), told)
+    valley = GapOfLines(run.together())
+    assert valley(run.lines, run.bench, significant=1e3) is None
+    assert valley.hinted == pytest.approx(0.02, abs=0.015)
+    assert gap_of_lines(Run(model, photographed(model), told)) is None
+    apart = left_open_by_hint(np.full((2, 2), 4e-4), SCENE, valley.hinted)
+    assert apart == pytest.approx(4e-4 * valley.hinted, rel=0.2)
+
+
+def test_a_found_bench_that_leaves_more_than_noise_may_be_none():
+    there = with_optical_values(SCENE, {"gap_m": 2e-4})
+    heights = np.array([[0.0, 4e-4], [8e-4, 0.0]])
+    apart = left_open_by_lens(heights, SCENE, there)
+    on_told = ThinRelief.of(SCENE).unbent(ThinRelief.of(there).bent(heights))
+    np.testing.assert_allclose(apart, on_told - heights)
+    assert (apart[heights > 0] > 0.05 * heights[heights > 0]).all() and not left_open_by_lens(
+        heights, there, there
+    ).any()
