@@ -6,11 +6,17 @@ from typing import Any
 import numpy as np
 
 from nets.evaluation.bench.coverage import REGIONS, WITHIN
-from nets.evaluation.bench.detector import Detection, detection
+from nets.evaluation.bench.detector import detection, is_wrong
 
 TITLES = {"_bare": "bare", "_on_lines": "lines", "_on_folds": "folds", "_on_relief": "all relief"}
 """Of the regions that the table shows."""
-TOLD = ("rmse_um", "stated_um", "doubted", *(name + region for region in REGIONS for name in WITHIN))
+TOLD = (
+    "rmse_um",
+    "rmse_form_removed_um",
+    "stated_um",
+    "doubted",
+    *(name + region for region in REGIONS for name in WITHIN),
+)
 """What is taken of a plate."""
 
 
@@ -39,11 +45,11 @@ def trust_table(suites: Mapping[str, Mapping[str, Any]], method: str) -> list[st
     by_suite = {suite: list(plates_of(suites[suite].get(method, {}))) for suite in suites}
     by_suite = {f"`{suite}`": plates for suite, plates in by_suite.items() if plates}
     by_suite["all"] = [plate for plates in by_suite.values() for plate in plates]
-    head = ["suite", "plates", *TITLES.values(), "wrong", "flagged", "good, flagged"]
+    head = ["suite", "plates", *TITLES.values(), "wrong", "by their form", "flagged", "good, flagged"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for name, plates in by_suite.items():
         cells = [name, str(len(plates)), *(_percent(shares(plates, region)) for region in TITLES)]
-        lines.append(f"| {' | '.join(cells + _counts(detection(plates)))} |")
+        lines.append(f"| {' | '.join(cells + _counts(plates))} |")
     return lines
 
 
@@ -51,6 +57,13 @@ def _percent(found: tuple[float, float] | None) -> str:
     return "-" if found is None else f"{100 * found[0]:.0f}, {100 * found[1]:.0f} %"
 
 
-def _counts(found: Detection) -> list[str]:
+def _counts(plates: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Wrong results, of these those whose form alone is wrong (a bow), flagged ones, and good ones that are flagged."""
+    found = detection(plates)
+    form = sum(
+        is_wrong(plate["rmse_um"], plate["stated_um"])
+        and not is_wrong(plate["rmse_form_removed_um"], plate["stated_um"])
+        for plate in plates
+    )
     flagged = f"{found.wrong_flagged} of {found.wrong}" if found.wrong else "-"
-    return [str(found.wrong), flagged, f"{found.good_flagged} of {found.good}"]
+    return [str(found.wrong), str(form), flagged, f"{found.good_flagged} of {found.good}"]

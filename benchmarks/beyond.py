@@ -1,7 +1,7 @@
 """What no model knows: odd prints, benches, cameras and mistakes, and whether results say so where they are wrong.
 
     python -m benchmarks.beyond [--names groove hair ...] [--plates 0 1] [--device cuda] [--json FILE]
-    python -m benchmarks.beyond --read FILE ...     # the table of docs/trust.md
+    python -m benchmarks.beyond --read FILE ...     # the table of docs/beyond.md
 
 Plates are those of the row ``nothing`` of ``one-thing`` with a seed of their own; told is the default scene, and
 nothing of what differs. Of each result: error, stated uncertainty, share within two of it, and what it says of itself.
@@ -36,7 +36,7 @@ NOISE = 0.01
 """Relative to even light."""
 LEAST_LIGHT = 0.5
 """Of a flat plate's light, below which a pixel is masked."""
-UNTOLD = ("mirrored", "turned", "wedge", "big_bow", "astig_bow", "step_base")
+UNTOLD = ("mirrored", "turned", "wedge", "lens", "big_bow", "astig_bow", "step_base")
 """What no image of one plate tells: which way round it lies, and heights that hardly bend light."""
 NAMES = {**{name: each[0] for kind in (LIGHT, RELIEFS, BENCHES, COLOURS) for name, each in kind.items()}}
 """In words, by name."""

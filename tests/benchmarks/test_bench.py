@@ -118,14 +118,16 @@ def test_the_file_is_json_with_a_list_in_a_line():
 
 def test_the_table_of_trust_counts_plates_by_region():
     shares = {name + region: 0.7 for region in REGIONS for name in WITHIN} | {"within_two_on_relief": 0.9}
-    known = shares | {"stated_um": 1.0, "doubted": True}
+    known = shares | {"stated_um": 1.0, "doubted": True, "rmse_form_removed_um": 2.0}
     tree = {"suites": {}}
     collect(tree, run(plates=2, **known), WEIGHTS)
     # Rows of before have no regions.
     collect(tree, run(plates=3, row="poor"), WEIGHTS)
     collect(tree, run(plates=1, row="another", **known | {"rmse_um": 2.0, "within_one_on_folds": None}), WEIGHTS)
     lines = trust_table(tree["suites"], "direct")
-    assert lines[0] == ("| suite | plates | bare | lines | folds | all relief | wrong | flagged | good, flagged |")
-    assert lines[2] == "| `lab` | 3 | 70, 70 % | 70, 70 % | 70, 70 % | 70, 90 % | 2 | 2 of 2 | 1 of 1 |"
+    assert lines[0] == (
+        "| suite | plates | bare | lines | folds | all relief | wrong | by their form | flagged | good, flagged |"
+    )
+    assert lines[2] == "| `lab` | 3 | 70, 70 % | 70, 70 % | 70, 70 % | 70, 90 % | 2 | 2 | 2 of 2 | 1 of 1 |"
     assert lines[3] == lines[2].replace("`lab`", "all") and len(lines) == 4
-    assert trust_table({}, "direct")[-1] == "| all | 0 | - | - | - | - | 0 | - | 0 of 0 |"
+    assert trust_table({}, "direct")[-1] == "| all | 0 | - | - | - | - | 0 | 0 | - | 0 of 0 |"
