@@ -7,8 +7,8 @@ beyond ``FAR`` deviations, what was believed of them is widened to where they ar
 :mod:`warp_caustics.found_bench.care`), and they are asked again; and since gap, base and index are not one factor any
 more so far away, it is asked which of them it was.
 
-Only where lines then leave nothing but noise: a lamp of half angle 1 degree that nobody told of leaves 1.24 times that,
-and drives a gap that is believed less twice as far.
+Only where lines then leave nothing but noise, or much less: a lamp of half angle 1 degree that nobody told of leaves
+1.24 times that, and drives a gap that is believed less twice as far.
 """
 
 import dataclasses
@@ -35,6 +35,8 @@ belief stays as it is."""
 CLEAN = 1.15
 """Discrepancy up to which lines leave nothing that could pass for another bench: 0.92 to 1.09 on six benches far away,
 1.24 under lamps of 1 and 2 degrees, whose light no number of the bench has."""
+MUCH_LESS = 0.8
+"""Of what lines leave on the bench nearer by, below which they may leave more than that: plates that are crowded."""
 BETTER = 3.0
 """Standard deviations by which one of gap, base and index must leave less than that which is believed least."""
 MOST_TIMES = 4
@@ -112,7 +114,7 @@ def gap_of_lines(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | 
         return narrow
     together, found = by_one_number(run, together.numbers.names, *found, numbers)
     found = together.on(*found)
-    if _leaves_noise(run, *found):
+    if _is_clear(run, *found, _left(run, *narrow[1])):
         return together, found
     run.numbers, run.model.shape = numbers, shape
     return narrow
@@ -137,22 +139,33 @@ def fit_together(run: Run, names: Collection[str]) -> BenchOfLines:
         run.numbers = less
         together = run.together(names)
         run.lines, run.bench = with_valley(together, run.lines, run.bench)
-    if run.numbers is numbers:
+    if not set(BEND_LIGHT) & set(names) & widened(numbers, run.numbers):
         return together
-    if set(BEND_LIGHT) & set(names) & widened(numbers, run.numbers):
-        together, found = by_one_number(run, names, run.lines, run.bench, numbers)
-        run.lines, run.bench = together(*found)
-    if not _leaves_noise(run, run.lines, run.bench):
+    together, found = by_one_number(run, names, run.lines, run.bench, numbers)
+    run.lines, run.bench = together(*found)
+    if not _is_clear(run, run.lines, run.bench, _left(run, *narrow[1:])):
         together, run.lines, run.bench = narrow
         run.numbers, run.model.shape = numbers, shape
     return together
 
 
-def _leaves_noise(run: Run, lines: torch.Tensor, bench: Bench) -> bool:
-    """Whether lines, shape [L, 6] [m], leave nothing on a bench that could pass for another one."""
+def _is_clear(run: Run, lines: torch.Tensor, bench: Bench, narrow_left: float | None) -> bool:
+    """Whether lines leave nothing on a bench that could pass for another one, or much less than on the one nearer by.
+
+    Args:
+        run: with the beliefs of that bench.
+        lines: shape [L, 6] [m].
+        bench: far from the told one.
+        narrow_left: discrepancy on the one nearer by.
+    """
+    left = _left(run, lines, bench)
+    return left is not None and (left <= CLEAN or (narrow_left is not None and left < MUCH_LESS * narrow_left))
+
+
+def _left(run: Run, lines: torch.Tensor, bench: Bench) -> float | None:
+    """Discrepancy of lines, shape [L, 6] [m], on a bench."""
     view = run.on(bench)
-    left = view.discrepancy(view.relief(lines))
-    return left is not None and left <= CLEAN
+    return view.discrepancy(view.relief(lines))
 
 
 def widened(before: BenchNumbers, after: BenchNumbers) -> set[str]:
@@ -190,6 +203,8 @@ def by_one_number(
     found = [(least - better, together, lines, bench, model.shape, numbers)]
     shape = model.shape
     for name in asked:
+        if {each for each in asked if bench.values[each] != told.values[each]} == {name}:
+            continue
         model.shape = shape
         try:
             other = along(together.numbers, told, far - 1, name)

@@ -126,6 +126,7 @@ def test_a_bench_that_leaves_more_than_noise_is_believed_no_less(model, monkeypa
     told = numbers()
     run = Run(model, photographed(model, gap_m=1e-3), told)
     monkeypatch.setattr(less_believed_module, "CLEAN", 0.1)
+    monkeypatch.setattr(less_believed_module, "MUCH_LESS", 0.0)
     _, (_, bench) = gap_of_lines(run)
     assert run.numbers is told and 5e-5 < bench.values["gap_m"] < 9e-4
 
