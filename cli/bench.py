@@ -234,11 +234,15 @@ def _claimed(output: str) -> Path:
 
 def _lines(records: Sequence[Mapping[str, Any]], console: Console) -> list[dict[str, Any]]:
     """Print what each row says; returns one row per cell."""
+    from nets.evaluation.bench.detector import detection
     from nets.evaluation.bench.table import bench_rows, bench_summary
 
     rows = bench_rows(records)
     for line in bench_summary(rows):
         console.line(_line(line))
+    found = detection(rows)
+    if found.wrong + found.good:
+        console.line(f"stated     {found.line}")
     return rows
 
 

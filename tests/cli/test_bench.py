@@ -35,7 +35,10 @@ class Level(Reconstructor):
             raise InputError("no")
         n = self.scene.height_samples
         heights = np.full((n, n), self.level_m)
-        return Reconstruction("direct", heights, image.irradiance, 0.1, "converged", uncertainty_m=heights)
+        counters = {"doubt": {"is_doubtful": False}}
+        return Reconstruction(
+            "direct", heights, image.irradiance, 0.1, "converged", uncertainty_m=heights, counters=counters
+        )
 
 
 class Lab:
@@ -106,6 +109,7 @@ def test_run_scores_pictures_and_goes_on(lab, images, capsys):
     assert not (out / "table.json").exists()
     lab.stops_at = None
     assert run(out) == 0
+    assert "stated     1 of 2 results are off by more than 3 times" in capsys.readouterr().out
     # The one that was interrupted, not the one before; and each is told the scene of its bench.
     assert [told for told, _ in lab.calls] == [3e-3, 3.2e-3, 3.2e-3]
     rows = table(out)["rows"]
@@ -149,10 +153,11 @@ def test_page_stands_alone(made):
     text = (made / "index.html").read_text(encoding="utf-8")
     page = Page()
     page.feed(text)
-    assert page.open == [] and page.tags.count("img") == 2 and page.tags.count("table") == 2
+    assert page.open == [] and page.tags.count("img") == 2 and page.tags.count("table") == 3
     assert all(link.startswith("data:image/png;base64,iVBOR") for link in page.links)
     assert "http" not in text and str(made.parent) not in text
     assert f"{table(made)['rows'][0]['rmse_um']:.4g}" in text
+    assert "results are off by more than 3 times what they state" in text and "where light paths cross" in text
     assert "not comparable" in text  # fewer light paths than the suite's
 
 
