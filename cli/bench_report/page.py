@@ -5,16 +5,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nets.evaluation.bench.coverage import COVERAGE, REGIONS, WITHIN
+from nets.evaluation.bench.coverage import REGIONS, SHORT, WITHIN
 from nets.evaluation.bench.detector import detection
-from nets.evaluation.bench.scores import BENCH_SCORES
+from nets.evaluation.bench.scores import BENCH_SCORES, SHORT_SCORES
 from nets.evaluation.bench.table import Row, bench_summary
 from warp_caustics.io.atomic import write_text
 from warp_caustics.io.page import page_file, render_page
 
 _PACKAGE = "cli.bench_report"
-_SHOWN = {key: what for key, what in BENCH_SCORES.items() if key in WITHIN or key not in COVERAGE}
-"""Columns of the tables of errors; what is covered by region has its own."""
 
 
 def write_bench_page(
@@ -34,8 +32,10 @@ def write_bench_page(
         own_style=page_file("cli.comparison", "page.css"),
         script=page_file("cli.comparison", "page.js"),
         about=about,
-        scores=_SHOWN,
-        regions=REGIONS,
+        scores=SHORT_SCORES,
+        meanings=BENCH_SCORES,
+        regions=SHORT,
+        region_meanings=REGIONS,
         within=WITHIN,
         detection=detection(rows),
         summary=bench_summary(rows),

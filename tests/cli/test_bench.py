@@ -157,7 +157,7 @@ def test_page_stands_alone(made):
     assert all(link.startswith("data:image/png;base64,iVBOR") for link in page.links)
     assert "http" not in text and str(made.parent) not in text
     assert f"{table(made)['rows'][0]['rmse_um']:.4g}" in text
-    assert "results are off by more than 3 times what they state" in text and "where light paths cross" in text
+    assert "results are off by more than 3 times what they state" in text and "points where light paths cross" in text
     assert "not comparable" in text  # fewer light paths than the suite's
 
 

@@ -20,6 +20,8 @@ REGIONS = {
     "_on_folds": "of these, points where light paths cross",
 }
 """Parts of a plate, by how names of their scores end; of the true relief on the bench that was told."""
+SHORT = {"": "all", "_bare": "bare", "_on_relief": "relief", "_on_lines": "lines", "_on_folds": "folds"}
+"""The same, for heads of tables."""
 WITHIN = {"within_one": 1, "within_two": 2}
 """Scores, and how many standard uncertainties they are within."""
 COVERAGE = {

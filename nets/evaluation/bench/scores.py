@@ -24,6 +24,18 @@ BENCH_SCORES = {
     "flat_um": "RMSE of a flat guess [um]",
 }
 """Numbers of a case, and what they are."""
+SHORT_SCORES = {
+    "rmse_um": "RMSE [um]",
+    "rmse_aligned_um": "aligned [um]",
+    "rmse_mean_removed_um": "without mean [um]",
+    "rmse_form_removed_um": "without form [um]",
+    "slope_error": "slopes [1]",
+    "stated_um": "stated u [um]",
+    "within_one": "within u",
+    "within_two": "within 2 u",
+    "flat_um": "flat guess [um]",
+}
+"""Heads of tables of them; what is covered by region has a table of its own."""
 
 
 def relief_scores(
