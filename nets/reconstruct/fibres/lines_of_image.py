@@ -15,6 +15,7 @@ from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_lens,
     with_spread_of,
 )
+from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.bench.section_of_lines import fit_with_section_or_bench
 from nets.reconstruct.fibres.fibres_of import FibresOf
@@ -172,6 +173,8 @@ class LinesOfImage:
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
         fit_through_lens(self)
+        if self._is_near() and not self.method.takes_bench_as_told:
+            fit_with_lamp(self)
         if self._is_near() and self.method.options.losses is not False:
             fit_with_losses(self)
         if self._is_near():

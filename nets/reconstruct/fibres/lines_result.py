@@ -1,6 +1,7 @@
 """The record of what lines, or a network's relief where these tell it no better, make of an image."""
 
 import dataclasses
+import math
 from collections.abc import Collection
 from typing import Any, Protocol
 
@@ -94,6 +95,12 @@ def result_of(run: Run) -> Reconstruction:
     warnings = list(answer.warnings)
     if view is not run.told:
         counters["losses"] = effects_of(view.scene)
+        angle = view.scene.lamp_half_angle_rad
+        if angle != run.told.scene.lamp_half_angle_rad:
+            counters["losses"] |= {"lamp_half_angle_rad": angle}
+            warnings.append(
+                f"the image looks as lit by a lamp of half angle {math.degrees(angle):.2g} degrees; it is counted"
+            )
     if view is not run.told and not run.bench.is_told(run.numbers):
         record = bench_record(run.numbers, run.bench)
         counters["bench"] = record.record | {

@@ -1,0 +1,103 @@
+"""A lamp that is seen as large: lines tell it from a lens.
+
+Both blur. A lens blurs all of a picture alike; a lamp of half angle a by R = D sin(a), where D is the way of the light
+to the screen, which is longer from the crown of a line than from the plate, and longer the steeper it is. What is left
+of that where a lens stands for the lamp is a quarter more than noise under a lamp of 1 degree, and passes for another
+gap: 4.9 um off. Of a blur that was found each share may be the lamp's; that which leaves least is asked of the lines.
+"""
+
+import dataclasses
+import math
+from typing import Protocol
+
+import numpy as np
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.picture_size import way_of_light_m
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.scene import MAX_LAMP_HALF_ANGLE_RAD, Scene
+
+LEAST_BLUR_PX = 0.1
+"""Of the camera so far, below which no lamp is asked for: 0.3 degrees on the default bench."""
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
+"""Of the blur's square, that may be the lamp's."""
+GAIN = 0.97
+"""What lines leave must fall by this factor for a lamp to be taken in place of a lens."""
+CLEAN = 1.05
+"""Discrepancy below which a lens explains the image, and no lamp is asked for."""
+
+
+class Run(Protocol):
+    """Lines of one image so far."""
+
+    model: LineModel
+    lines: torch.Tensor
+    view: LinesView
+    bench: Bench
+    numbers: BenchNumbers
+
+    def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
+        """The image on a bench, with a camera or the one that the lines tell there."""
+
+    def together(self) -> BenchOfLines:
+        """Finds bench and lines with the camera so far."""
+
+
+def half_angle_of(blur_px: float, scene: Scene) -> float:
+    """Of the lamp that blurs a flat plate's picture by so much [rad]: a disc's standard deviation is half its radius.
+
+    Args:
+        blur_px: standard deviation on the screen [px].
+        scene: the bench; its lamp is parallel but for its size.
+    """
+    return math.asin(min(1.0, 2 * blur_px * max(scene.pixel_size_m) / way_of_light_m(scene)))
+
+
+def with_lamp(scene: Scene, half_angle_rad: float) -> Scene:
+    """The scene under a lamp of that half angle."""
+    return scene.model_copy(update={"lamp_half_angle_rad": half_angle_rad})
+
+
+def fit_with_lamp(run: Run) -> None:
+    """Lines under a lamp of a size, where that leaves clearly less of the image than the lens that was found.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are as they were.
+    """
+    blur, told = float(np.max(run.view.camera.blur)), run.numbers.scene
+    if blur < LEAST_BLUR_PX or not told.is_collimated or told.lamp_half_angle_rad:
+        return
+    left = run.view.discrepancy(run.view.relief(run.lines))
+    if left is None or left < CLEAN:
+        return
+    kept = run.lines, run.view, run.numbers, run.model.shape
+    was, is_taken = run.view.left(run.lines), False
+    try:
+        angles = [half_angle_of(math.sqrt(share) * blur, told) for share in SHARES]
+        views = [_under(run, angle) for angle in angles if angle < MAX_LAMP_HALF_ANGLE_RAD]
+        if not views:
+            return
+        run.numbers, run.view = min(views, key=lambda each: each[1].left(run.lines) or math.inf)
+        run.lines, _ = run.together().on(run.lines, run.bench)
+        now = run.view.left(run.lines)
+        is_taken = was is not None and now is not None and now < GAIN * was
+    finally:
+        if not is_taken:
+            run.lines, run.view, run.numbers, run.model.shape = kept
+
+
+def _under(run: Run, half_angle_rad: float) -> tuple[BenchNumbers, LinesView]:
+    """Numbers of the bench, and the image, under a lamp, seen through what is left of the lens."""
+    before = run.numbers
+    try:
+        run.numbers = dataclasses.replace(before, scene=with_lamp(before.scene, half_angle_rad))
+        channels, pixels = before.scene.n_wavelengths, before.scene.image_pixels
+        sharp = run.on(run.bench, ChannelCamera.perfect(channels, pixels))
+        return run.numbers, run.on(run.bench, sharp.resimulation.found_camera(sharp.relief(run.lines), exactly=True))
+    finally:
+        run.numbers = before
