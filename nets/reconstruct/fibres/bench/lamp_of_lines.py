@@ -8,7 +8,7 @@ gap: 4.9 um off. Of a blur that was found each share may be the lamp's; that whi
 
 import dataclasses
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.picture_size import way_of_light_m
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import MAX_LAMP_HALF_ANGLE_RAD, Scene
 
@@ -26,6 +26,8 @@ LEAST_BLUR_PX = 0.1
 """Of the camera so far, below which no lamp is asked for: 0.3 degrees on the default bench."""
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
 """Of the blur's square, that may be the lamp's."""
+FEW = 8
+"""Iterations of L-BFGS with each: lines that have made up for a lens leave more under the right lamp at first."""
 GAIN = 0.97
 """What lines leave must fall by this factor for a lamp to be taken in place of a lens."""
 CLEAN = 1.05
@@ -75,29 +77,42 @@ def fit_with_lamp(run: Run) -> None:
     left = run.view.discrepancy(run.view.relief(run.lines))
     if left is None or left < CLEAN:
         return
-    kept = run.lines, run.view, run.numbers, run.model.shape
+    kept = _State(run.lines, run.view, run.numbers, run.model.shape)
     was, is_taken = run.view.left(run.lines), False
     try:
         angles = [half_angle_of(math.sqrt(share) * blur, told) for share in SHARES]
-        views = [_under(run, angle) for angle in angles if angle < MAX_LAMP_HALF_ANGLE_RAD]
-        if not views:
+        found = [_under(run, kept, angle) for angle in angles if angle < MAX_LAMP_HALF_ANGLE_RAD]
+        if not found:
             return
-        run.numbers, run.view = min(views, key=lambda each: each[1].left(run.lines) or math.inf)
+        min(found, key=lambda each: each.view.left(each.lines) or math.inf).put(run)
         run.lines, _ = run.together().on(run.lines, run.bench)
         now = run.view.left(run.lines)
         is_taken = was is not None and now is not None and now < GAIN * was
     finally:
         if not is_taken:
-            run.lines, run.view, run.numbers, run.model.shape = kept
+            kept.put(run)
 
 
-def _under(run: Run, half_angle_rad: float) -> tuple[BenchNumbers, LinesView]:
-    """Numbers of the bench, and the image, under a lamp, seen through what is left of the lens."""
-    before = run.numbers
-    try:
-        run.numbers = dataclasses.replace(before, scene=with_lamp(before.scene, half_angle_rad))
-        channels, pixels = before.scene.n_wavelengths, before.scene.image_pixels
-        sharp = run.on(run.bench, ChannelCamera.perfect(channels, pixels))
-        return run.numbers, run.on(run.bench, sharp.resimulation.found_camera(sharp.relief(run.lines), exactly=True))
-    finally:
-        run.numbers = before
+class _State(NamedTuple):
+    """What a lamp changes of a run."""
+
+    lines: torch.Tensor
+    view: LinesView
+    numbers: BenchNumbers
+    shape: Shape
+
+    def put(self, run: Run) -> None:
+        run.lines, run.view, run.numbers, run.model.shape = self
+
+
+def _under(run: Run, kept: _State, half_angle_rad: float) -> _State:
+    """Lines after a few steps under a lamp, seen through what is left of the lens."""
+    kept.put(run)
+    numbers = kept.numbers
+    run.numbers = dataclasses.replace(numbers, scene=with_lamp(numbers.scene, half_angle_rad))
+    sharp = run.on(run.bench, ChannelCamera.perfect(numbers.scene.n_wavelengths, numbers.scene.image_pixels))
+    run.view = run.on(run.bench, sharp.resimulation.found_camera(sharp.relief(run.lines), exactly=True))
+    together = run.together()
+    fit = together.fit_on(run.bench, about=run.lines)
+    lines = fit.descend(run.lines, FEW, with_section=together.with_section).lines
+    return _State(lines, run.view, run.numbers, run.model.shape)
