@@ -23,7 +23,12 @@ from nets.reconstruct.fibres.image.refined_lines import ImageRun, refined
 from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOnImage
 from nets.reconstruct.fibres.shapes.curves_paths import paths_of
 from nets.reconstruct.fibres.shapes.waves import WavyLines
-from nets.reconstruct.fibres.trust.beliefs import as_stated, left_open_by_hint, left_open_by_lens, times_less_known
+from nets.reconstruct.fibres.trust.beliefs import (
+    as_stated,
+    left_open_by_hint,
+    left_open_by_unclear_bench,
+    times_less_known,
+)
 from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
@@ -72,9 +77,13 @@ def _covariance(run: Run) -> JointCovariance | None:
 def _left_open_by_bench(run: Run, heights_m: FloatArray, left: float | None) -> FloatArray:
     """What a bench that was found, or not, leaves open of the heights besides its covariance [m], shape [n, n]."""
     numbers, scene = run.numbers, run.view.scene
-    unsure = left_open_by_hint(heights_m, scene, run.hinted)
+    # Who says that the bench is exactly as told is not told otherwise by a hint.
+    hinted = run.hinted if run.method.options.bench_uncertainty else 0.0
+    unsure = left_open_by_hint(heights_m, scene, hinted)
     if run.view is not run.told and left is not None and left > CLEAN:
-        unsure = np.hypot(unsure, left_open_by_lens(heights_m, numbers.scene, numbers.scene_of(run.bench.values)))
+        unsure = np.hypot(
+            unsure, left_open_by_unclear_bench(heights_m, numbers.scene, numbers.scene_of(run.bench.values))
+        )
     return unsure
 
 
@@ -109,11 +118,11 @@ def result_of(run: Run) -> Reconstruction:
             "less_known": times_less_known(run.numbers, run.bench),
         }
         warnings += bench_warnings(run.numbers, run.bench, record)
-    if run.takes_lines and run.hinted:
+    if run.takes_lines and run.hinted and method.options.bench_uncertainty:
         counters["hinted"] = run.hinted
         warnings.append(
             f"lines hint at a bench with {100 * run.hinted:+.1f} % on base, gap and index together, and do not tell it "
-            "clearly: heights are those on the bench that was told, and as uncertain; measure base and gap"
+            "clearly: heights are those without it, and as uncertain; measure base and gap"
         )
     uncertainty = None
     if answer.uncertainty_m is not None:

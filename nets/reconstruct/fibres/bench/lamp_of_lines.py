@@ -33,7 +33,7 @@ NEAR = (0.94, 1.06)
 """Of the half angle that leaves least, which are tried, too."""
 GAIN = 0.97
 """What lines leave must fall by this factor for a lamp to be taken in place of a lens."""
-CLEAN = 1.05
+LEAST_LEFT = 1.05
 """Discrepancy below which a lens explains the image, and no lamp is asked for."""
 
 
@@ -79,7 +79,7 @@ def fit_with_lamp(run: Run) -> None:
         return
     kept = _State(run.lines, run.view, run.numbers, run.model.shape)
     was, is_taken = kept.left, False
-    if was < CLEAN or math.isinf(was):
+    if was < LEAST_LEFT or math.isinf(was):
         return
     try:
         best = _least(run, kept, [half_angle_of(math.sqrt(share) * blur, told) for share in SHARES])

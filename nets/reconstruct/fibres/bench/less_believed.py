@@ -7,8 +7,9 @@ beyond ``FAR`` deviations, what was believed of them is widened to where they ar
 :mod:`warp_caustics.found_bench.care`), and they are asked again; and since gap, base and index are not one factor any
 more so far away, it is asked which of them it was.
 
-Only where lines then leave nothing but noise, or much less: a lamp of half angle 1 degree that nobody told of leaves
-1.24 times that, and drives a gap that is believed less twice as far.
+Only where lines then leave nothing but noise, or much less: a lamp of half angle 1 degree, before it was asked for
+(:mod:`nets.reconstruct.fibres.bench.lamp_of_lines`), left 1.24 times that, and drove a gap that is believed less twice
+as far.
 """
 
 import dataclasses
@@ -34,11 +35,14 @@ FAR = 2.0
 belief stays as it is."""
 CLEAN = 1.15
 """Discrepancy up to which lines leave nothing that could pass for another bench: 0.92 to 1.09 on six benches far away,
-1.24 under lamps of 1 and 2 degrees, whose light no number of the bench has."""
+1.24 to 1.29 under lamps of 1 and 2 degrees that passed for lenses."""
 MUCH_LESS = 0.8
 """Of what lines leave on the bench nearer by, below which they may leave more than that: plates that are crowded."""
 BETTER = 3.0
 """Standard deviations by which one of gap, base and index must leave less than that which is believed least."""
+LEAST_HINT = 0.01
+"""Share of (n - 1) D below which a hint is none: a careful user leaves 0.5 %, and of six own plates whose section was
+found with the lines, on the bench that was told, the valley is least 0.3 to 0.9 % below it."""
 MOST_TIMES = 4
 """That beliefs are widened: from a base 1 mm thicker, 33 of its deviations, three were needed."""
 
@@ -97,7 +101,7 @@ def gap_of_lines(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | 
     numbers, together = run.numbers, run.together()
     valley = GapOfLines(together)
     found = valley(run.lines, run.bench)
-    run.hinted = valley.hinted
+    run.hinted = valley.hinted if abs(valley.hinted) > LEAST_HINT else 0.0
     if found is None:
         run.numbers = before
         return None

@@ -8,7 +8,7 @@ together. What is stated afterwards is another question:
   well known (the Birge ratio, as in :mod:`warp_caustics.found_bench.care`): a gap that is found 58 um wider where 10 um
   are believed may as well be a base.
 - what is not noise errs together, and noise does not.
-- a bench on which lines leave more than noise may be none (:func:`left_open_by_lens`).
+- a bench on which lines leave more than noise may be none (:func:`left_open_by_unclear_bench`).
 """
 
 import dataclasses
@@ -69,7 +69,7 @@ def left_open_by_hint(heights_m: FloatArray, scene: Scene, hinted: float) -> Flo
     return np.abs(hinted * bench.linear * heights_m / bench.bending(heights_m))
 
 
-def left_open_by_lens(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
+def left_open_by_unclear_bench(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
     """How far heights on the found bench are from those that show the same on the told one [m], shape [n, n].
 
     What lines leave beside noise, a lamp's size or a lens that nobody told of, may have moved gap, base and index by

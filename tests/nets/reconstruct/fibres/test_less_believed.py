@@ -9,10 +9,10 @@ from nets.reconstruct.fibres.bench import less_believed as less_believed_module
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines
-from nets.reconstruct.fibres.bench.less_believed import FAR, gap_of_lines, less_believed, widened
+from nets.reconstruct.fibres.bench.less_believed import FAR, LEAST_HINT, gap_of_lines, less_believed, widened
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.trust.beliefs import left_open_by_hint, left_open_by_lens
+from nets.reconstruct.fibres.trust.beliefs import left_open_by_hint, left_open_by_unclear_bench
 from tests.nets.reconstruct.fibres.test_gap_of_lines import (
     SCENE,
     SHARP,
@@ -144,13 +144,18 @@ def test_a_step_through_the_plate_is_no_step(model, monkeypatch):
     assert GapOfLines(together)(run.lines, run.bench) is None
 
 
-def test_a_bench_that_is_hinted_at_is_no_bench_but_a_doubt(model):
+def test_a_bench_that_is_hinted_at_is_no_bench_but_a_doubt(model, monkeypatch):
     """Of what the image says, too little to be believed."""
     told = numbers()
     run = Run(model, photographed(model, gap_m=5e-5), told)
     valley = GapOfLines(run.together())
     assert valley(run.lines, run.bench, significant=1e3) is None
     assert valley.hinted == pytest.approx(0.02, abs=0.015)
+    said = iter((-0.03, 0.5 * LEAST_HINT))
+    with monkeypatch.context() as patch:
+        patch.setattr(GapOfLines, "__call__", lambda self, *_, **__: setattr(self, "hinted", next(said)))
+        assert gap_of_lines(run) is None and run.hinted == -0.03
+        assert gap_of_lines(run) is None and run.hinted == 0.0, "that much is believed of a careful user, too"
     assert gap_of_lines(Run(model, photographed(model), told)) is None
     apart = left_open_by_hint(np.full((2, 2), 4e-4), SCENE, valley.hinted)
     assert apart == pytest.approx(4e-4 * valley.hinted, rel=0.2)
@@ -159,9 +164,9 @@ def test_a_bench_that_is_hinted_at_is_no_bench_but_a_doubt(model):
 def test_a_found_bench_that_leaves_more_than_noise_may_be_none():
     there = with_optical_values(SCENE, {"gap_m": 2e-4})
     heights = np.array([[0.0, 4e-4], [8e-4, 0.0]])
-    apart = left_open_by_lens(heights, SCENE, there)
+    apart = left_open_by_unclear_bench(heights, SCENE, there)
     on_told = ThinRelief.of(SCENE).unbent(ThinRelief.of(there).bent(heights))
     np.testing.assert_allclose(apart, on_told - heights)
-    assert (apart[heights > 0] > 0.05 * heights[heights > 0]).all() and not left_open_by_lens(
+    assert (apart[heights > 0] > 0.05 * heights[heights > 0]).all() and not left_open_by_unclear_bench(
         heights, there, there
     ).any()
