@@ -1,11 +1,13 @@
 """What of the heights' uncertainty is the bench's."""
 
+import math
+
 import numpy as np
 import pytest
 
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundNumber
-from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty, bench_widths, careful_widths
+from warp_caustics.found_bench.bench_uncertainty import GLASS, bench_uncertainty, bench_widths, careful_widths
 from warp_caustics.found_bench.thin_relief import MAGNIFICATION, TURN, relief_responses
 from warp_caustics.scene import Scene
 
@@ -76,3 +78,14 @@ def test_what_the_image_told_takes_the_place_of_what_was_believed():
     assert in_doubt["vergence_per_m"] == pytest.approx(np.hypot(1.0, 0.05))
     untold = bench_widths(SCENE, {"vergence_per_m": 0.3}, [found_number(0.0, None, False)])
     assert untold["vergence_per_m"] == 0.3
+
+
+def test_another_dispersion_is_another_glass():
+    """Whose index nobody knows; unless somebody says so, or the image tells it."""
+    number = {"name": "dispersion_scale", "told": 1.0, "seen": 0.2, "found": 0.2, "sigma": 0.05, "verdict": "found"}
+    index = {"name": "index_offset", "told": 0.0, "seen": 0.03, "found": 0.03, "sigma": 1e-3, "verdict": "found"}
+    careful = careful_widths(SCENE)["index_offset"]
+    assert bench_widths(SCENE, {}, [number])["index_offset"] == pytest.approx(math.hypot(careful, 0.8 * GLASS))
+    assert bench_widths(SCENE, {}, [number | {"verdict": "as told"}])["index_offset"] == careful
+    assert bench_widths(SCENE, {"index_offset": 1e-4}, [number])["index_offset"] == 1e-4
+    assert bench_widths(SCENE, {}, [number, index])["index_offset"] == 1e-3

@@ -5,8 +5,11 @@ import pytest
 import torch
 
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.found_bench.relief_left import LONGEST_M, as_relief, left_clearly, size_of
+from warp_caustics.found_bench.relief_left import LONGEST_M, as_relief, left_clearly, relief_left, size_of
 from warp_caustics.found_bench.thin_relief import ThinRelief
+from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.rest import Rest
+from warp_caustics.reconstruct.trust import Seen
 from warp_caustics.scene import Scene
 
 N, M = 64, 256
@@ -83,3 +86,15 @@ def test_what_is_left_at_lines_does_not_count():
     weight = np.where(np.hypot(x - 4e-3, y + 6e-3) < 5e-3, 0.0, even())
     assert not left_clearly(light, weight, SCENE).any()
     assert not as_relief(light, np.zeros((M, M)), SCENE).any()
+
+
+def test_the_pictures_rim_is_not_looked_at():
+    """A lamp nearby, or a picture that lies aside, brings the plate's edge into it."""
+    noisy = 1 + torch.from_numpy(np.stack([noise(k) for k in range(3)]))
+    with_edge, inside = noisy.clone(), noisy.clone()
+    with_edge[:, :, :2] -= 0.2
+    inside[:, :, 60:62] -= 0.1
+    for image, is_told in ((noisy, False), (with_edge, False), (inside, True)):
+        measured = Measurement(image.float(), torch.ones_like(image).float(), torch.full_like(image, NOISE))
+        shown = Seen(torch.ones_like(image).float(), torch.ones_like(image).float())
+        assert relief_left(Rest.of(measured, shown), SCENE).any() == is_told

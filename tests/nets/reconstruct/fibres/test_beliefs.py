@@ -1,5 +1,8 @@
 """What is stated of lines and a bench that were found together, and of lines by noise alone."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -17,6 +20,7 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.trust.beliefs import as_believed, independent_share, stated_widths, times_less_known
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_uncertainty import GLASS
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
@@ -51,6 +55,16 @@ def test_gap_base_and_index_are_less_known_by_as_much_as_they_were_found_away(va
 def test_what_the_user_said_is_not_widened():
     widths = stated_widths(numbers(gap_m=29e-6), moved(gap_m=58e-6))
     assert widths == pytest.approx({"base_thickness_m": 2 * 5e-6, "index_offset": 2 * 3e-4})
+
+
+def test_another_dispersion_is_another_glass():
+    """Where that is found by more than four deviations."""
+    told, careful = numbers(), stated_widths(numbers(), moved())["index_offset"]
+    for sigma, is_other in ((0.07, True), (0.3, False)):
+        bench = replace(moved(dispersion_scale=-1.0), sigma={"dispersion_scale": sigma})
+        expected = math.hypot(careful, GLASS) if is_other else careful
+        assert stated_widths(told, bench)["index_offset"] == pytest.approx(expected)
+    assert "index_offset" not in stated_widths(numbers(index_offset=1e-4), bench)
 
 
 def linear(seed=0, lines=12, places=(0, 3), fields=2):
