@@ -20,12 +20,12 @@ from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Be
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
+from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
-from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
-from warp_caustics.prints.model import LineModel
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
@@ -55,21 +55,12 @@ WIDTH = 0.05
 """Residual, relative to the radiosity, from which on a pixel counts less, as in descents of lines."""
 
 
-class Run(Protocol):
+class Run(LinesRun, Protocol):
     """Lines of one image so far."""
 
     method: FibresOf
-    model: LineModel
     told: LinesView
-    lines: torch.Tensor
-    view: LinesView
-    bench: Bench
-    numbers: BenchNumbers
     hinted: float
-    covariance: JointCovariance | None
-    counted: torch.Tensor
-    asked: Collection[str]
-    is_elsewhere: bool
 
     def on(self, bench: Bench) -> LinesView:
         """The image on a bench, with the camera that the lines tell there."""
@@ -374,15 +365,14 @@ def _told_by(run: Run, together: BenchOfLines) -> JointCovariance:
 
 def _kept(run: Run, fit: Callable[[], float]) -> bool:
     """Change a run, and change it back unless what is left of the image falls below so much of what was, as is told."""
-    kept = run.lines, run.view, run.bench, run.numbers, run.model.shape
-    is_kept = False
+    kept, is_kept = RunState.of(run), False
     try:
         enough = fit()
-        was, now = kept[1].left(kept[0]), run.view.left(run.lines)
+        was, now = kept.left, run.view.left(run.lines)
         is_kept = was is not None and now is not None and now < enough * was
     finally:
         if not is_kept:
-            run.lines, run.view, run.bench, run.numbers, run.model.shape = kept
+            kept.put(run)
     return is_kept
 
 

@@ -8,10 +8,9 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
 from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.types import FloatArray
 
@@ -33,16 +32,8 @@ WIDER, WIDER_PX = 1.3, 0.35
 everywhere are explained by a camera out of focus, too."""
 
 
-class Run(Protocol):
+class Run(LinesRun, Protocol):
     """Lines of one image so far."""
-
-    model: LineModel
-    lines: torch.Tensor
-    view: LinesView
-    bench: Bench
-    numbers: BenchNumbers
-    moves_section: bool
-    is_elsewhere: bool
 
     def note(self, loss: float) -> None:
         """Told after each evaluation; may raise."""
@@ -79,8 +70,7 @@ def fit_through_lens(run: Run) -> None:
         return
     if not is_near and not _tells_camera(run):
         return
-    kept = run.lines, run.view, run.bench, run.model.shape, run.is_elsewhere
-    is_kept = False
+    kept, is_kept = RunState.of(run), False
     try:
         fit_with_spread(run)
         if run.view.camera.spread is None:
@@ -93,7 +83,7 @@ def fit_through_lens(run: Run) -> None:
         is_kept = run.view.is_explained(run.lines)
     finally:
         if not is_kept:
-            run.lines, run.view, run.bench, run.model.shape, run.is_elsewhere = kept
+            kept.put(run)
 
 
 def fit_through_blurring_lens(run: Run) -> None:
@@ -106,14 +96,14 @@ def fit_through_blurring_lens(run: Run) -> None:
     """
     if run.view.camera.spread is not None or not run.view.camera.blurs or run.view.is_explained(run.lines):
         return
-    kept, was, is_kept = (run.lines, run.view, run.model.shape), run.view.left(run.lines), False
+    kept, is_kept = RunState.of(run), False
     try:
         fit_with_spread(run)
-        now = run.view.left(run.lines)
+        was, now = kept.left, run.view.left(run.lines)
         is_kept = was is not None and now is not None and now < CLEAR_GAIN * was
     finally:
         if not is_kept:
-            run.lines, run.view, run.model.shape = kept
+            kept.put(run)
 
 
 def fit_with_blur(run: Run) -> None:
@@ -178,20 +168,19 @@ def fit_on_told(run: Run) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines and bench are as they were.
     """
-    kept = run.lines, run.view, run.bench, run.model.shape
-    was, is_nearer = run.view.left(run.lines), False
+    kept, is_nearer = RunState.of(run), False
     told = Bench.told(run.numbers)
     try:
         run.view, run.bench = run.on(told, run.view.camera), told
         run.lines, _ = run.together().on(run.lines, told)
         fit_with_spread(run)
-        now = run.view.left(run.lines)
+        was, now = kept.left, run.view.left(run.lines)
         is_nearer = was is not None and now is not None and now < was
     finally:
         if is_nearer:
             run.is_elsewhere = False
         else:
-            run.lines, run.view, run.bench, run.model.shape = kept
+            kept.put(run)
 
 
 def with_spread_of(camera: ChannelCamera, known: ChannelCamera) -> ChannelCamera:

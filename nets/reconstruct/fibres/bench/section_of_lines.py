@@ -9,19 +9,15 @@ told passed for a power of 0.996, and were 2.6 and 3.4 um off on eleven plates. 
 that which leaves less of the image has the first word.
 """
 
-from collections.abc import Callable, Collection
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench
-from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.image_fit import ImageFit
-from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
-from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.pyramid import usual_pixels
 
 ITERATIONS = 15
@@ -34,48 +30,16 @@ AS_WELL = 1.0005
 section three."""
 
 
-class Run(Protocol):
+class Run(LinesRun, Protocol):
     """Lines of one image so far."""
 
     method: FibresOf
-    model: LineModel
-    view: LinesView
-    lines: torch.Tensor
-    moves_section: bool
-    bench: Bench
-    numbers: BenchNumbers
-    covariance: JointCovariance | None
-    counted: torch.Tensor
-    asked: Collection[str]
 
     def search(self, start: torch.Tensor, jumps: int) -> None:
         """Lines searched for from others, shape [L, 6] [m]."""
 
     def note(self, loss: float) -> None:
         """Told after each evaluation; may raise."""
-
-
-class _Found(NamedTuple):
-    """What a run has found so far."""
-
-    lines: torch.Tensor
-    view: LinesView
-    shape: Shape
-    moves_section: bool
-    bench: Bench
-    numbers: BenchNumbers
-    covariance: JointCovariance | None
-    counted: torch.Tensor
-    asked: Collection[str]
-
-    @classmethod
-    def of(cls, run: Run) -> "_Found":
-        about = run.bench, run.numbers, run.covariance, run.counted, run.asked
-        return cls(run.lines, run.view, run.model.shape, run.moves_section, *about)
-
-    def put(self, run: Run) -> None:
-        run.lines, run.view, run.model.shape, run.moves_section = self[:4]
-        run.bench, run.numbers, run.covariance, run.counted, run.asked = self[4:]
 
 
 def fit_with_section_or_bench(run: Run, fit_bench: Callable[[], None]) -> None:
@@ -88,12 +52,12 @@ def fit_with_section_or_bench(run: Run, fit_bench: Callable[[], None]) -> None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those of the section, of the bench, or of before.
     """
-    before = _Found.of(run)
+    before = RunState.of(run)
     fit_with_section(run)
     if run.moves_section == before.moves_section:
         fit_bench()
         return
-    by_section, left = _Found.of(run), run.view.left(run.lines)
+    by_section, left = RunState.of(run), run.view.left(run.lines)
     before.put(run)
     fit_bench()
     left_by_bench = run.view.left(run.lines)

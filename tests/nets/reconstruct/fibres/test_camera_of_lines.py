@@ -1,7 +1,6 @@
 """The camera that lines tell."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from nets.reconstruct.fibres.bench.camera_of_lines import (
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.cameras import blurring, through_lens
 from tests.nets.reconstruct.exact_light import light_of
+from tests.nets.reconstruct.fibres.line_run import line_run
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
@@ -59,15 +59,10 @@ def run_with(model, image, lines, blur_px):
     def together():
         return BenchOfLines(numbers, image, model, SCENE.image_pixels // 2, run.view.camera)
 
-    run = SimpleNamespace(
+    run = line_run(
         model=model, lines=lines, view=view, bench=Bench.told(numbers), numbers=numbers, on=on, together=together
     )
-    run.moves_section, run.is_elsewhere, run.note, run.search = (
-        False,
-        False,
-        lambda loss: None,
-        lambda lines, jumps: None,
-    )
+    run.note, run.search = lambda loss: None, lambda lines, jumps: None
     return run
 
 

@@ -1,7 +1,6 @@
 """A lamp that is seen as large, told from a lens by lines; on a small scene."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +8,16 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
-from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp, half_angle_of, with_lamp
+from nets.reconstruct.fibres.bench.lamp_of_lines import (
+    LEAST_LEFT,
+    fit_with_lamp,
+    half_angle_of,
+    least_between,
+    with_lamp,
+)
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
+from tests.nets.reconstruct.fibres.line_run import line_run
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -42,7 +48,7 @@ def photographed(model, half_angle_rad, blur_px=0.0):
 def run_with(model, image, lines):
     """On the told bench, through the lens that the lines tell."""
     numbers = numbers_of_lines(BenchNumbers.of(SCENE))
-    run = SimpleNamespace(model=model, lines=lines, bench=Bench.told(numbers), numbers=numbers)
+    run = line_run(model=model, lines=lines, bench=Bench.told(numbers), numbers=numbers)
 
     def on(bench, camera=None):
         simulator = CausticSimulator(run.numbers.scene_of(bench.values))
@@ -87,6 +93,27 @@ def test_a_lens_stays_a_lens(model):
     lines, view, numbers = run.lines, run.view, run.numbers
     fit_with_lamp(run)
     assert run.lines is lines and run.view is view and run.numbers is numbers
+
+
+def test_a_lens_of_tails_stays_a_lens(model):
+    """A disc is no Gaussian, and leaves less of such a lens; no lamp leaves less than a point spread."""
+    shown = light_of(SCENE, model.heights(LINES))
+    tails = [blurred(shown, blur_matrices(M, np.full(3, width), "cpu")) for width in (0.25, 0.9)]
+    noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
+    seen = 0.7 * tails[0] + 0.3 * tails[1]
+    run = run_with(model, CausticImage((seen.numpy() + noise).astype(np.float32), np.full(3, NOISE)), LINES + 1e-6)
+    lines, view = run.lines, run.view
+    assert view.camera.spread is None and view.discrepancy(view.relief(lines)) > LEAST_LEFT
+    fit_with_lamp(run)
+    assert run.lines is lines and run.view is view
+
+
+def test_least_between():
+    """Of a parabola its vertex, whatever the places; at an end the end."""
+    values = {share: 2 + (share - 0.55) ** 2 for share in (0.0, 0.3, 0.7, 1.0)}
+    assert least_between(values) == pytest.approx(0.55)
+    assert least_between({share: 2 - share for share in (0.0, 0.3, 0.7, 1.0)}) == 1.0
+    assert least_between({share: 2 - share + 0.3 * share**2 for share in (0.0, 0.3, 0.7, 1.0)}) == 1.0
 
 
 def test_a_sharp_image_is_not_asked(model, monkeypatch):

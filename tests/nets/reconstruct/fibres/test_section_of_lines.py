@@ -7,9 +7,11 @@ import pytest
 import torch
 
 import nets.reconstruct.fibres.bench.section_of_lines as section_of_lines
+from nets.reconstruct.fibres.bench.run_state import RunState
 from nets.reconstruct.fibres.bench.section_of_lines import fit_with_section, fit_with_section_or_bench
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
+from tests.nets.reconstruct.fibres.line_run import line_run
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.prints.model import LineModel, Shape
 from warp_caustics.reconstruct.base import CausticImage
@@ -103,10 +105,7 @@ def asked(monkeypatch):
     def ask(left_by_bench):
         monkeypatch.setattr(section_of_lines, "fit_with_section", section)
         view = SimpleNamespace(left=lambda lines: {1.0: 1.0, 2.0: left_by_bench}.get(float(lines[0]), 0.9))
-        about = dict.fromkeys(("numbers", "covariance", "counted", "asked"))
-        run = SimpleNamespace(
-            lines=torch.zeros(1), view=view, model=SimpleNamespace(shape=None), moves_section=False, bench=0, **about
-        )
+        run = line_run(view=view)
 
         def bench():
             if left_by_bench is not None:
@@ -131,12 +130,12 @@ def test_both_are_asked_in_the_end(asked, left_by_bench, sum_of_numbers):
 @pytest.mark.parametrize(("left_by_bench", "first"), [(0.95, "bench"), (1.01, "section")])
 def test_what_leaves_less_has_the_first_word(asked, monkeypatch, left_by_bench, first):
     order = []
-    put = section_of_lines._Found.put
+    put = RunState.put
 
     def noted(found, run):
         order.append("section" if found.moves_section else "before")
         put(found, run)
 
-    monkeypatch.setattr(section_of_lines._Found, "put", noted)
+    monkeypatch.setattr(RunState, "put", noted)
     asked(left_by_bench)
     assert order == (["before"] if first == "bench" else ["before", "section"])

@@ -1,0 +1,68 @@
+"""What the lines of an image and their bench are so far, so that a change that explains no more can be taken back."""
+
+from collections.abc import Collection
+from typing import NamedTuple, Protocol
+
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.prints.model import LineModel, Shape
+
+
+class LinesRun(Protocol):
+    """Lines of one image so far: what changes.
+
+    Attributes:
+        model: prints lines with the section so far.
+        lines: shape [L, 6] [m].
+        view: the image on the bench, through the camera.
+        moves_section: whether lines move their section, too.
+        bench: that the lines tell.
+        numbers: of the bench as it is told, with what is believed of them.
+        is_elsewhere: whether the bench was found without lines.
+        covariance: of lines and bench, of the lines ``counted`` and the numbers ``asked``; None where it is not known.
+    """
+
+    model: LineModel
+    lines: torch.Tensor
+    view: LinesView
+    moves_section: bool
+    bench: Bench
+    numbers: BenchNumbers
+    is_elsewhere: bool
+    covariance: JointCovariance | None
+    counted: torch.Tensor
+    asked: Collection[str]
+
+
+class RunState(NamedTuple):
+    """All of that at one time."""
+
+    lines: torch.Tensor
+    view: LinesView
+    shape: Shape
+    moves_section: bool
+    bench: Bench
+    numbers: BenchNumbers
+    is_elsewhere: bool
+    covariance: JointCovariance | None
+    counted: torch.Tensor
+    asked: Collection[str]
+
+    @classmethod
+    def of(cls, run: LinesRun) -> "RunState":
+        about = run.bench, run.numbers, run.is_elsewhere, run.covariance, run.counted, run.asked
+        return cls(run.lines, run.view, run.model.shape, run.moves_section, *about)
+
+    def put(self, run: LinesRun) -> None:
+        """Changes a run back to it."""
+        run.lines, run.view, run.model.shape, run.moves_section = self[:4]
+        run.bench, run.numbers, run.is_elsewhere, run.covariance, run.counted, run.asked = self[4:]
+
+    @property
+    def left(self) -> float | None:
+        """Discrepancy of the lines in the whole image; None if the noise of the image is unknown."""
+        return self.view.left(self.lines)
