@@ -116,12 +116,24 @@ def seen_on(
     level = np.asarray(scene.radiosity_W_m2, np.float64) * (1.0 if exposure is None else exposure)
     irradiance = np.asarray(image.irradiance, np.float64) / bench.light(scene.image_pixels)
     irradiance = (irradiance * (1 + stray) - stray * level[:, None, None]) * flat_ratio(numbers, bench)
-    noise = None if image.noise_std is None else np.asarray(image.noise_std) * (1 + stray)
+    noise = None if image.noise_std is None else np.asarray(image.noise_std) * stretched(numbers, bench)
     found, mask = numbers.scene_of(bench.values), image.mask
     if found != scene and (crossed := crossed_pixels(found)).any():
         mask = ~crossed & (np.ones(irradiance.shape, bool) if mask is None else np.asarray(mask, bool))
     seen = dataclasses.replace(image, irradiance=irradiance, noise_std=noise, mask=mask)
     return of_size(seen, 1 / numbers.picture_size(bench.values), "cpu")
+
+
+def stretched(numbers: BenchNumbers, bench: Bench) -> FloatArray:
+    """By how much :func:`seen_on` stretches each channel's noise, shape [n_w]: 1 % for 1 % of stray light taken off.
+
+    Args:
+        numbers: that the bench's are.
+        bench: that the image was taken on.
+    """
+    stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
+    by_channel: FloatArray = ((1 + stray) / bench.light(numbers.scene.image_pixels)).mean(axis=(1, 2))
+    return by_channel
 
 
 def as_measured(found: Reconstruction, numbers: BenchNumbers, bench: Bench, exposure: FloatArray) -> Reconstruction:

@@ -22,7 +22,7 @@ from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lin
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.image_fit import WIDTH, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
@@ -51,8 +51,6 @@ MOST = 0.5
 LIGHT_GAIN = 0.98
 """What is left must fall by this factor, by least squares alone, for stray and uneven light to be asked: lines that are
 wrong leave some, too."""
-WIDTH = 0.05
-"""Residual, relative to the radiosity, from which on a pixel counts less, as in descents of lines."""
 
 
 class Run(LinesRun, Protocol):

@@ -37,6 +37,8 @@ BATCH_HEIGHTS = {"cpu": 1 << 18, "cuda": 1 << 22}
 """Heights simulated at a time, at most: on a CPU more would only take more memory, on a GPU launches count."""
 BORDER_PIXELS = 1
 """Ring of pixels that does not count: what happens at the edge of a plate is not in the model."""
+WIDTH = 0.05
+"""Residual, relative to the radiosity, from which on a pixel counts less."""
 FINE_PHOTONS_PER_PIXEL = 8
 """With the four of a usual lattice, wrong lines explain an own field's image at 256 pixels better (0.0038) than the
 true ones (0.0050): they fit the lattice. With eight, worse (0.0025 and 0.0020)."""
@@ -110,7 +112,7 @@ class ImageFit:
         image: CausticImage,
         model: LineModel,
         pixels: int,
-        width: float = 0.05,
+        width: float = WIDTH,
         photons_per_pixel: int = FEW_PHOTONS_PER_PIXEL,
         report: Callable[[float], None] | None = None,
         metric: "ImageFit | None" = None,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, lit, seen_on
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, lit, seen_on, stretched
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.line_posterior import (
     JointCovariance,
@@ -83,6 +83,28 @@ def test_lines_tell_the_gap_that_free_heights_make_up_for():
     assert throw == pytest.approx(1.1e-3, abs=4e-5)
     assert all(0 < bench.sigma[p.name] <= 1.01 * p.prior for p in asked.parameters)
     assert bench.values["tilt_x_rad"] == 0.0 and "tilt_x_rad" not in bench.sigma
+
+
+def test_stray_light_in_an_image_that_is_mostly_noise_is_not_taken_for_less():
+    """Without it an image is brighter, noise and all: what is left must not seem less where less is taken off."""
+    shown = blurred(light_of(SCENE, MODEL.heights(LINES)), blur_matrices(4 * N, BLUR, "cpu")).numpy()
+    noise = 0.05 * np.random.default_rng(3).standard_normal(shown.shape)
+    image = CausticImage(((shown + 0.1) / 1.1 + noise).astype(np.float32), np.full(3, 0.05))
+    told = Bench.told(numbers())
+    start = dataclasses.replace(told, values={**told.values, "ambient": 0.097})
+    _, bench = BenchOfLines(numbers().only(["ambient"]), image, MODEL, 2 * N, CAMERA)(LINES, start)
+    assert bench.values["ambient"] == pytest.approx(0.1, abs=0.005)
+
+
+def test_noise_is_stretched_as_an_image_is():
+    bench = Bench({**Bench.told(numbers()).values, "ambient": 0.1}, np.array([0.05, -0.05, 0.0, 0.1, 0, 0, 0, 0]))
+    noise = np.random.default_rng(2).standard_normal((3, 4 * N, 4 * N))
+    image = CausticImage((1 + NOISE * noise).astype(np.float32), np.full(3, NOISE))
+    seen = seen_on(image, numbers(), bench)
+    light = bench.light(4 * N)
+    left = seen.irradiance - (1.1 / light - 0.1)
+    np.testing.assert_allclose(seen.noise_std, left.std(axis=(1, 2)), rtol=0.01)
+    np.testing.assert_allclose(stretched(numbers(), bench), seen.noise_std / NOISE)
 
 
 def test_a_bench_that_is_as_told_is_left_so():
