@@ -97,7 +97,7 @@ def test_readme():
 
 
 def test_readme_on_an_ordinary_bench():
-    (stated,) = re.findall(r"`fibres` ends ([\d.]+) um off on an H100", page("README.md"))
+    (stated,) = re.findall(r"`fibres` ends ([\d.]+) um off on an H\d00", page("README.md"))
     agrees([stated], np.array(BENCH["lab"]["fibres"]["ordinary"]["rmse_um"]))
 
 

@@ -129,5 +129,9 @@ def test_the_table_of_trust_counts_plates_by_region():
         "| suite | plates | bare | lines | folds | all relief | wrong | by their form | flagged | good, flagged |"
     )
     assert lines[2] == "| `lab` | 3 | 70, 70 % | 70, 70 % | 70, 70 % | 70, 90 % | 2 | 2 | 2 of 2 | 1 of 1 |"
-    assert lines[3] == lines[2].replace("`lab`", "all") and len(lines) == 4
-    assert trust_table({}, "direct")[-1] == "| all | 0 | - | - | - | - | 0 | 0 | - | 0 of 0 |"
+    assert lines[3] == lines[2].replace("`lab`", "all")
+    assert lines[4] == lines[2].replace("`lab`", "all, flat bases") and len(lines) == 5
+    collect(tree, run(plates=1, row="bow", **known), WEIGHTS)
+    with_bow = trust_table(tree["suites"], "direct")
+    assert with_bow[3].startswith("| all | 4 |") and with_bow[4] == lines[4]
+    assert trust_table({}, "direct")[-2] == "| all | 0 | - | - | - | - | 0 | 0 | - | 0 of 0 |"

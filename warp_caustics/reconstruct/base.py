@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.errors import InputError
+from warp_caustics.reconstruct.hidden import hidden_place, with_hidden, without_place
 from warp_caustics.types import FloatArray
 
 if TYPE_CHECKING:
@@ -176,7 +177,11 @@ class Reconstruction:
 def _from_arrays(method: Callable[..., Reconstruction]) -> Callable[..., Reconstruction]:
     @functools.wraps(method)
     def reconstruct(self: "Reconstructor", image: Any, **options: Any) -> Reconstruction:
-        return method(self, as_caustic(image), **options)
+        caustic, scene = as_caustic(image), getattr(self, "scene", None)
+        hidden = None if scene is None else hidden_place(caustic, scene)
+        if scene is None or hidden is None:
+            return method(self, caustic, **options)
+        return with_hidden(method(self, without_place(caustic, hidden), **options), hidden, scene)
 
     return reconstruct
 
