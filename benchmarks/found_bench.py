@@ -26,11 +26,11 @@ from data_gen.suites.shot import Measured, measured
 from nets.evaluation.alignment import aligned_rmse_um
 from nets.reconstruct.methods import create
 from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.metrics import height_errors
 from warp_caustics.reconstruct.base import Reconstruction
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_values
+from warp_caustics.way_of_light import way_of_light_m
 
 ROWS = (
     "nothing", "lamp-1m", "lamp-0.3m", "shift-0.5", "shift-1", "scale-0.5", "ambient-3", "no-dispersion", "gap-100um",

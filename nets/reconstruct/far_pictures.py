@@ -13,10 +13,10 @@ import numpy as np
 import torch
 
 from warp_caustics.found_bench.bench_numbers import VERGENCE, BenchNumbers
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.simulator import CausticSimulator
 from warp_caustics.types import FloatArray
+from warp_caustics.way_of_light import way_of_light_m
 
 FAR = 0.005
 """Of a picture's size, to either side: from as far as that steps arrive."""

@@ -11,20 +11,10 @@ import torch
 
 from warp_caustics.resampling import resampled, spline_reach
 from warp_caustics.scene import Scene
+from warp_caustics.way_of_light import way_of_light_m
 
 SMALLEST = 0.97
 """A of the smallest picture that is looked for: corners that are wrong by fifteen thousandths of the plate."""
-
-
-def way_of_light_m(scene: Scene) -> float:
-    """D: how far light goes per slope, through base and gap [m], mean over the wavelengths that shine."""
-    gap = -scene.screen_position_m[2]
-    ways = [
-        scene.base_thickness_m / glass + gap / outside
-        for glass, outside, light in zip(scene.glass_indices, scene.exit_indices, scene.radiosity_W_m2, strict=True)
-        if light > 0
-    ]
-    return sum(ways) / len(ways)
 
 
 def lowest_vergence(scene: Scene) -> float:

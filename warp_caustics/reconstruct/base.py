@@ -3,14 +3,13 @@
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from warp_caustics.errors import InputError
-from warp_caustics.reconstruct.hidden import hidden_place, with_hidden, without_place
 from warp_caustics.types import FloatArray
 
 if TYPE_CHECKING:
@@ -175,13 +174,25 @@ class Reconstruction:
 
 
 def _from_arrays(method: Callable[..., Reconstruction]) -> Callable[..., Reconstruction]:
+    """A method that takes arrays as well, and leaves out what something hid."""
+
     @functools.wraps(method)
     def reconstruct(self: "Reconstructor", image: Any, **options: Any) -> Reconstruction:
+        from warp_caustics.reconstruct import hidden  # loads scipy
+
         caustic, scene = as_caustic(image), getattr(self, "scene", None)
-        hidden = None if scene is None else hidden_place(caustic, scene)
-        if scene is None or hidden is None:
+        place = None if scene is None else hidden.hidden_place(caustic.irradiance, caustic.mask, scene)
+        if scene is None or place is None:
             return method(self, caustic, **options)
-        return with_hidden(method(self, without_place(caustic, hidden), **options), hidden, scene)
+        values, mask = hidden.without_place(caustic.irradiance, caustic.mask, place)
+        found = method(self, replace(caustic, irradiance=values, mask=mask), **options)
+        unsure, share = found.uncertainty_m, float(place.mean())
+        return replace(
+            found,
+            uncertainty_m=None if unsure is None else hidden.uncertain_behind(unsure, found.heights_m, place, scene),
+            counters={**found.counters, "hidden": share},
+            warnings=(*found.warnings, hidden.hidden_warning(share)),
+        )
 
     return reconstruct
 

@@ -6,18 +6,13 @@ Taken for relief, a hidden corner was answered by one of a millimetre. So such a
 methods as even light, and what lies behind it is as uncertain as the relief elsewhere is high.
 """
 
-import dataclasses
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
 
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.scene import Scene
-
-if TYPE_CHECKING:
-    from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.types import FloatArray
+from warp_caustics.way_of_light import way_of_light_m
 
 DARK = 0.1
 """Of the median of each wavelength: what is dark for it, stray light and all."""
@@ -29,21 +24,24 @@ RIM_PX = 3
 """By which a place is made wider: its edge is no relief either."""
 
 
-def hidden_place(image: "CausticImage", scene: Scene) -> npt.NDArray[np.bool_] | None:
+def hidden_place(
+    irradiance: FloatArray, mask: npt.NDArray[np.bool_] | None, scene: Scene
+) -> npt.NDArray[np.bool_] | None:
     """Where an image is hidden, shape [m, m]; None where it is not.
 
     Args:
-        image: as it was measured.
+        irradiance: as it was measured [W/m^2], shape [n_w, m, m].
+        mask: False where a pixel does not count, shape [n_w, m, m]; None if all do.
         scene: as the bench is told.
     """
-    values = np.asarray(image.irradiance)
+    values = np.asarray(irradiance)
     if values.ndim != 3 or values.shape[1] != values.shape[2] or len(values) != scene.n_wavelengths:
         return None
     shines = np.asarray(scene.radiosity_W_m2) > 0
     level = np.nanmedian(values, axis=(1, 2), keepdims=True)
     is_dark = values < DARK * level
-    if image.mask is not None:
-        is_dark &= np.asarray(image.mask, bool)
+    if mask is not None:
+        is_dark &= np.asarray(mask, bool)
     dark = np.asarray(is_dark[shines].all(axis=0), bool)
     least = max(STEEPEST * way_of_light_m(scene) / (max(scene.plate_size_m) / len(dark)), LEAST_PX)
     if dark.all() or dark.sum() < least**2:
@@ -57,41 +55,41 @@ def hidden_place(image: "CausticImage", scene: Scene) -> npt.NDArray[np.bool_] |
     return grown
 
 
-def without_place(image: "CausticImage", hidden: npt.NDArray[np.bool_]) -> "CausticImage":
-    """The image with even light, which does not count, where it is hidden, shape [m, m]."""
-    values = np.array(image.irradiance)
-    level = np.nanmedian(values, axis=(1, 2))
-    values[:, hidden] = level[:, None]
-    mask = np.ones(values.shape, bool) if image.mask is None else np.array(image.mask, bool)
-    mask[:, hidden] = False
-    return dataclasses.replace(image, irradiance=values, mask=mask)
+def without_place(
+    irradiance: FloatArray, mask: npt.NDArray[np.bool_] | None, hidden: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Irradiance with even light where it is hidden, shape [m, m], and a mask in which that does not count."""
+    values = np.array(irradiance)
+    values[:, hidden] = np.nanmedian(values, axis=(1, 2))[:, None]
+    counted = np.ones(values.shape, bool) if mask is None else np.array(mask, bool)
+    counted[:, hidden] = False
+    return values, counted
 
 
-def with_hidden(result: "Reconstruction", hidden: npt.NDArray[np.bool_], scene: Scene) -> "Reconstruction":
-    """A result that says what was hidden, and how uncertain heights are behind it.
+def uncertain_behind(
+    uncertainty_m: FloatArray, heights_m: FloatArray, hidden: npt.NDArray[np.bool_], scene: Scene
+) -> FloatArray:
+    """Uncertainty with what nobody saw: behind the place, and as far as light is bent, relief as high as elsewhere.
 
     Args:
-        result: of the image without that place.
+        uncertainty_m: of the image without that place [m], shape [n, n].
+        heights_m: found [m], shape [n, n].
         hidden: shape [m, m].
         scene: as the bench is told.
     """
-    share = float(hidden.mean())
-    warning = (
+    n = len(uncertainty_m)
+    near = way_of_light_m(scene) / (max(scene.plate_size_m) / len(hidden))
+    reached = scipy.ndimage.distance_transform_edt(~hidden) <= near
+    at = np.minimum((np.arange(n) + 0.5) * len(hidden) / n, len(hidden) - 1).astype(int)
+    behind = reached[np.ix_(at, at)]
+    seen = heights_m if behind.all() else heights_m[~behind]
+    relief = np.sqrt(np.mean(np.square(seen)))
+    return np.where(behind, np.hypot(uncertainty_m, relief), uncertainty_m)
+
+
+def hidden_warning(share: float) -> str:
+    """What the user should know, of a share of the image."""
+    return (
         f"{100 * share:.2g} % of the image are darker than any relief makes it there: taken for hidden and left out; "
         "heights behind it are a guess: take what hides it away, or check the gap"
-    )
-    uncertainty = result.uncertainty_m
-    if uncertainty is not None:
-        n = len(uncertainty)
-        near = way_of_light_m(scene) / (max(scene.plate_size_m) / len(hidden))
-        reached = scipy.ndimage.distance_transform_edt(~hidden) <= near
-        rows = np.minimum((np.arange(n) + 0.5) * len(hidden) / n, len(hidden) - 1).astype(int)
-        behind = reached[np.ix_(rows, rows)]
-        # Heights elsewhere tell how high what is printed there may be.
-        seen = result.heights_m[~behind] if not behind.all() else result.heights_m
-        relief = float(np.sqrt(np.mean(np.square(seen))))
-        uncertainty = np.where(behind, np.hypot(uncertainty, relief), uncertainty)
-    counters = {**result.counters, "hidden": share}
-    return dataclasses.replace(
-        result, uncertainty_m=uncertainty, counters=counters, warnings=(*result.warnings, warning)
     )

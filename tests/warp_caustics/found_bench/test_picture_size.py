@@ -14,9 +14,9 @@ from warp_caustics.found_bench.picture_size import (
     enlarged,
     lowest_vergence,
     picture_size,
-    way_of_light_m,
 )
 from warp_caustics.scene import Scene
+from warp_caustics.way_of_light import way_of_light_m
 
 SCENE = Scene(height_samples=32, image_pixels=128)
 NUMBERS = BenchNumbers.of(SCENE)

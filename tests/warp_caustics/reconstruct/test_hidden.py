@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction, Reconstructor
-from warp_caustics.reconstruct.hidden import DARK, RIM_PX, hidden_place
+from warp_caustics.reconstruct.hidden import DARK, RIM_PX
+from warp_caustics.reconstruct.hidden import hidden_place as place_of
 from warp_caustics.scene import Scene
 from warp_caustics.simulator import CausticSimulator
 
@@ -23,6 +24,10 @@ def corner(size):
     factor = np.ones((M, M))
     factor[:size, :size] = 0.02
     return factor
+
+
+def hidden_place(image, scene):
+    return place_of(image.irradiance, image.mask, scene)
 
 
 class Told(Reconstructor):

@@ -23,9 +23,9 @@ from nets.reconstruct.fibres.bench.camera_of_lines import spread_asked
 from nets.reconstruct.fibres.bench.less_believed import MUCH_LESS
 from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import MAX_LAMP_HALF_ANGLE_RAD, Scene
+from warp_caustics.way_of_light import way_of_light_m
 
 LEAST_BLUR_PX = 0.1
 """Of the camera so far, below which no lamp is asked for: 0.3 degrees on the default bench."""

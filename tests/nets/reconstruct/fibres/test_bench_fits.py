@@ -23,7 +23,6 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
@@ -31,6 +30,7 @@ from warp_caustics.reconstruct.seen_camera.pixel_means import Lay, pixel_means
 from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.way_of_light import way_of_light_m
 
 NOISE = 0.005
 NUMBERS = numbers_of_lines(BenchNumbers.of(SCENE))

@@ -22,7 +22,6 @@ from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N, noisy_image
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_record import is_picture_larger
-from warp_caustics.found_bench.picture_size import way_of_light_m
 from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage
@@ -31,6 +30,7 @@ from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
 from warp_caustics.simulator import CausticSimulator
+from warp_caustics.way_of_light import way_of_light_m
 
 
 @pytest.fixture(scope="module")
