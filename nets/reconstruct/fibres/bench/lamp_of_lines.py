@@ -12,7 +12,7 @@ what the best point spread leaves, which is alike everywhere; and must be noise,
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -159,11 +159,16 @@ def _under(run: Run, kept: RunState, share: float) -> RunState:
         LinesView(sharp.resimulation.blurred_by(dataclasses.replace(sharp.camera, blur=factor * rest_px)), run.model)
         for factor in RESTS
     ]
-    for is_last in (False, True):
-        run.view = min(views, key=lambda view: left_where_moved(RunState.of(run)._replace(view=view)))
-        if not is_last:
-            _after_few(run)
+    run.view = _clearest(views, run)
+    _after_few(run)
+    run.view = _clearest(views, run)
     return RunState.of(run)
+
+
+def _clearest(views: Sequence[LinesView], run: Run) -> LinesView:
+    """Of views that differ in their lens alone that which lines leave least of: the relief is simulated once."""
+    heights = views[0].relief(run.lines)
+    return min(views, key=lambda view: view.discrepancy(heights) or math.inf)
 
 
 def _after_few(run: Run) -> RunState:
