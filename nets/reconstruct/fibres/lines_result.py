@@ -27,7 +27,6 @@ from nets.reconstruct.fibres.trust.beliefs import (
     as_stated,
     left_open_by_hint,
     left_open_by_unclear_bench,
-    shown_as_told,
     times_less_known,
 )
 from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
@@ -37,7 +36,6 @@ from warp_caustics.fold_fraction import crossing_samples
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import Reconstruction
-from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.types import FloatArray
 
 
@@ -64,9 +62,6 @@ class Run(ImageRun, Protocol):
     def relief(self) -> FloatArray:
         """Of the lines, shape [n, n] [m]."""
 
-    def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
-        """The image on another bench."""
-
 
 def _covariance(run: Run) -> JointCovariance | None:
     """Of lines that are taken: with their bench where that was found with them, else what the image's noise leaves."""
@@ -86,10 +81,9 @@ def _left_open_by_bench(run: Run, heights_m: FloatArray, left: float | None) -> 
     hinted = run.hinted if run.method.options.bench_uncertainty else 0.0
     unsure = left_open_by_hint(heights_m, scene, hinted)
     if run.view is not run.told and left is not None and left > CLEAN:
-        as_told = run.on(run.bench.bent_as_told(numbers), run.view.camera)
-        there_m = shown_as_told(heights_m, as_told.scene, scene)
-        worse = as_told.discrepancy(there_m) or left
-        unsure = np.hypot(unsure, left_open_by_unclear_bench(heights_m, there_m, left, worse))
+        unsure = np.hypot(
+            unsure, left_open_by_unclear_bench(heights_m, numbers.scene, numbers.scene_of(run.bench.values))
+        )
     return unsure
 
 

@@ -72,11 +72,6 @@ class Bench:
         """Whether nothing of it is other than told."""
         return all(value == numbers.before[name] for name, value in self.values.items()) and not self.field.any()
 
-    def bent_as_told(self, numbers: BenchNumbers) -> "Bench":
-        """The same with gap, base and index as they are told."""
-        told = {name: numbers.before[name] for name in BEND_LIGHT if name in self.values}
-        return dataclasses.replace(self, values={**self.values, **told})
-
     def uneven(self, pixels: int) -> float:
         """Difference of the brightest place and the darkest one of a flat picture [1]."""
         shared = np.tensordot(self.field[-5:], shared_modes(pixels), 1)

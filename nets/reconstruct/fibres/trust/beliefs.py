@@ -69,31 +69,19 @@ def left_open_by_hint(heights_m: FloatArray, scene: Scene, hinted: float) -> Flo
     return np.abs(hinted * bench.linear * heights_m / bench.bending(heights_m))
 
 
-def left_open_by_unclear_bench(
-    heights_m: FloatArray, told_m: FloatArray, left: float, left_as_told: float
-) -> FloatArray:
-    """How far what lines leave beside noise may have moved heights with gap, base and index [m], shape [n, n].
+def left_open_by_unclear_bench(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
+    """How far heights on the found bench are from those that show the same on the told one [m], shape [n, n].
 
-    A lamp's size or a lens that nobody told of may pass for a bench: under a lamp of half angle 1 degree lines told of
-    a gap 0.2 mm wider, and were 7 % too low. Between heights that show the same, to first order, on the told gap, base
-    and index and on the found ones the image changes by sqrt(left_as_told^2 - left^2). What is left, sqrt(left^2 - 1),
-    may lie along that change; then it moved the bench by as large a share of the way.
+    What lines leave beside noise, a lamp's size or a lens that nobody told of, may have moved gap, base and index by
+    all of that: under a lamp of half angle 1 degree lines told of a gap 0.2 mm wider, and were 7 % too low.
 
     Args:
         heights_m: found, shape [n, n].
-        told_m: those that show the same on gap, base and index as told, same shape.
-        left: what heights leave on the found bench, in units of the noise.
-        left_as_told: what those leave as told.
+        told: the bench as it is told.
+        found: the bench that lines told.
     """
-    beside, change = max(0.0, left**2 - 1), max(0.0, left_as_told**2 - left**2)
-    share = 1.0 if beside >= change else math.sqrt(beside / change)
-    apart: FloatArray = share * np.abs(told_m - heights_m)
-    return apart
-
-
-def shown_as_told(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
-    """Heights that send light on the told bench to where others send it on the found one [m], shape [n, n]."""
-    return ThinRelief.of(told).unbent(ThinRelief.of(found).bent(heights_m))
+    bent = ThinRelief.of(found).bent(heights_m)
+    return np.abs(ThinRelief.of(told).unbent(bent) - heights_m)
 
 
 def independent_share(noise: float, left: float) -> float:
