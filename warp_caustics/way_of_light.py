@@ -3,12 +3,14 @@
 from warp_caustics.scene import Scene
 
 
-def way_of_light_m(scene: Scene) -> float:
-    """D: how far light goes per slope, through base and gap [m], mean over the wavelengths that shine."""
+def ways_of_light_m(scene: Scene) -> list[float]:
+    """D: how far light of each wavelength goes per slope, through base and gap [m], length n_w."""
     gap = -scene.screen_position_m[2]
-    ways = [
-        scene.base_thickness_m / glass + gap / outside
-        for glass, outside, light in zip(scene.glass_indices, scene.exit_indices, scene.radiosity_W_m2, strict=True)
-        if light > 0
-    ]
-    return sum(ways) / len(ways)
+    indices = zip(scene.glass_indices, scene.exit_indices, strict=True)
+    return [scene.base_thickness_m / glass + gap / outside for glass, outside in indices]
+
+
+def way_of_light_m(scene: Scene) -> float:
+    """The same, mean over the wavelengths that shine [m]."""
+    lit = [way for way, light in zip(ways_of_light_m(scene), scene.radiosity_W_m2, strict=True) if light > 0]
+    return sum(lit) / len(lit)

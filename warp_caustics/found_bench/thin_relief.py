@@ -39,6 +39,7 @@ from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import optical_parameters, optical_steps, optical_values, with_optical_values
 from warp_caustics.setup.parameter import Parameter, chosen
 from warp_caustics.types import FloatArray
+from warp_caustics.way_of_light import way_of_light_m, ways_of_light_m
 
 TURN, MAGNIFICATION = "turn_rad", "magnification"
 PICTURE = (
@@ -78,20 +79,16 @@ class ThinRelief:
     @classmethod
     def of(cls, scene: Scene) -> "ThinRelief":
         """Of a bench."""
-        gap = -scene.screen_position_m[2]
-        lit = [
-            (n, scene.base_thickness_m / n + gap / outside)
-            for n, outside, light in zip(scene.glass_indices, scene.exit_indices, scene.radiosity_W_m2, strict=True)
-            if light > 0
-        ]
-        way = sum(each for _, each in lit) / len(lit)
+        each = zip(scene.glass_indices, ways_of_light_m(scene), scene.radiosity_W_m2, strict=True)
+        lit = [(n, way) for n, way, light in each if light > 0]
+        way = way_of_light_m(scene)
         if scene.is_collimated:
             vergence, slant = 0.0, tuple(math.tan(angle) for angle in scene.light_tilt_rad)
         else:
             vergence = 1 / scene.light_distance_m
             slant = tuple(-place * vergence for place in scene.light_position_m[:2])
         return cls(
-            linear=sum((n - 1) * each for n, each in lit) / len(lit),
+            linear=sum((n - 1) * own for n, own in lit) / len(lit),
             square=sum((n - 1) / (2 * n) for n, _ in lit) / len(lit),
             spread=1 + way * vergence,
             offset_m=(way * slant[0] - scene.screen_position_m[0], way * slant[1] - scene.screen_position_m[1]),

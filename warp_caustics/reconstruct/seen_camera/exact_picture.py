@@ -4,6 +4,7 @@ import torch
 
 from warp_caustics.extrapolated import ExtrapolatedCaustic
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.pixel_means import Lay
 from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.simulator import CausticSimulator
@@ -22,13 +23,14 @@ class ExactPicture:
         pixels = simulator.scene.image_pixels
         # On fewer pixels neither is known.
         is_whole = camera.pixels == pixels
-        self._lays = camera.lays if is_whole else None
+        self._lays: list[Lay] | None = camera.lays if is_whole else None
         is_fine = self._lays is not None or (is_whole and camera.spread is not None)
         self._spread = camera.shown_by if is_fine else None
         self._light: FineLight | ExtrapolatedCaustic
         self._blur: torch.Tensor | None = None
         if self._spread is not None:
-            self._light = FineLight(simulator)
+            self._light = light = FineLight(simulator, 1.0 if self._lays is None else camera.size)
+            self._lays = light.lying(self._lays)
         else:
             self._light = ExtrapolatedCaustic(simulator, times)
             blur = camera.blur_at(pixels)

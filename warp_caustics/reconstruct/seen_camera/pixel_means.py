@@ -18,17 +18,19 @@ from warp_caustics.resampling import blur_matrix, resampling_matrix
 class Lay(NamedTuple):
     """How one channel's picture lay on the pixels: ``size`` times ((1 + scale) x + shift) [px], about the middle.
 
-    And whether it is brought back from there, or left as it was taken.
+    And whether it is brought back from there, or left as it was taken; and so many times as large as the plate's the
+    light on fine pixels already is (:class:`~warp_caustics.reconstruct.seen_camera.point_spread.FineLight`).
     """
 
     shift: tuple[float, float] = (0.0, 0.0)
     scale: float = 0.0
     size: float = 1.0
     is_back: bool = True
+    of_light: float = 1.0
 
     def along(self, axis: int) -> "Along":
         """Of one axis, 0 for x and 1 for y."""
-        return Along(self.shift[axis], self.scale, self.size, self.is_back)
+        return Along(self.shift[axis], self.scale, self.size, self.is_back, self.of_light)
 
 
 class Along(NamedTuple):
@@ -38,6 +40,7 @@ class Along(NamedTuple):
     scale: float
     size: float
     is_back: bool
+    of_light: float
 
 
 PLACED = Lay()
@@ -69,7 +72,7 @@ def _along(pixels: int, fine: int, lens_px: float, band_px: float, lay: Along) -
     if lay == PLACED.along(0):
         along = lens.reshape(pixels, k, fine).mean(1)
     else:
-        shift, total = lay.size * lay.shift * k, lay.size * (1 + lay.scale) - 1
+        shift, total = lay.size * lay.shift * k, lay.size / lay.of_light * (1 + lay.scale) - 1
         met = _resampling(fine, shift, total).reshape(pixels, k, fine).mean(1)
         along = met @ lens if lens_px else met
         if lay.is_back and lay.size != 1:

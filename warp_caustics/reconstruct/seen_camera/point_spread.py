@@ -128,14 +128,28 @@ def in_halos(shown: torch.Tensor) -> list[torch.Tensor]:
 class FineLight:
     """Caustics of reliefs on pixels so fine that a lens may be put before those of the camera.
 
+    A picture of another size has as many more fine pixels across the plate, to a whole number on either side, of which
+    those that the camera sees are shown: light that is not blurred yet is not resampled without an error, of 0.5 to
+    0.7 % of flat light for pictures 0.2 to 1 % too large (root mean square, 128 pixels); 0.03 to 0.1 % are left.
+
     Args:
         simulator: a lattice of the scene, whose units and device are kept.
+        size: so many times as large as the plate's the picture was taken, about.
+
+    Attributes:
+        size: so many times as large as the plate's the light is.
     """
 
-    def __init__(self, simulator: CausticSimulator):
+    def __init__(self, simulator: CausticSimulator, size: float = 1.0):
         self._simulator = simulator
         self.pixels = simulator.scene.image_pixels
         self.fine_pixels = self.pixels * max(2, min(FINENESS, MOST_FINE_PIXELS // self.pixels))
+        self._beside = round(self.fine_pixels * (size - 1) / 2)
+        self.size = 1 + 2 * self._beside / self.fine_pixels
+
+    def lying(self, lays: Sequence[Lay] | None) -> list[Lay] | None:
+        """Where channels' pictures lay on the pixels, of this light."""
+        return None if lays is None else [lay._replace(of_light=self.size) for lay in lays]
 
     @cached_property
     def _whole(self) -> CausticSimulator:
@@ -146,16 +160,24 @@ class FineLight:
         return self._with(PHOTONS_PER_FINE_PIXEL / 2)
 
     def _with(self, photons_per_pixel: float) -> CausticSimulator:
-        return with_photons(self._simulator, round(photons_per_pixel * self.fine_pixels**2), self.fine_pixels)
+        fine = self.fine_pixels + 2 * self._beside
+        return with_photons(self._simulator, round(photons_per_pixel * fine**2), fine)
+
+    def _seen(self, light: torch.Tensor) -> torch.Tensor:
+        """What the camera's pixels cover; beyond the plate's picture it is mirrored."""
+        beside = self._beside
+        if beside > 0:
+            return light[:, beside:-beside, beside:-beside]
+        return torch.nn.functional.pad(light[None], (-beside,) * 4, mode="reflect")[0] if beside else light
 
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
         """Irradiance [W/m^2] without the lattice's own error, shape [n_w, k m, k m], of a relief [m], shape [n, n]."""
         found: torch.Tensor = 2 * self._whole(heights_m) - self._half(heights_m)
-        return found
+        return self._seen(found)
 
     @torch.no_grad()
     def plain(self, heights_m: torch.Tensor, *, by_half: bool = False) -> torch.Tensor:
         """The same with the lattice's error, of all photons or of half of them."""
         found: torch.Tensor = (self._half if by_half else self._whole)(heights_m)
-        return found
+        return self._seen(found)

@@ -5,6 +5,7 @@ along a line. Where a relief is still wrong, lines that lie beside their place l
 blur first (:mod:`~warp_caustics.reconstruct.seen_camera.blur_estimate`), and this is asked of what leaves little.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,15 +47,18 @@ class _Fit(NamedTuple):
     """Weighted sum of squares."""
 
 
-def found_spread(measurement: Measurement, fine: torch.Tensor, camera: ChannelCamera) -> PointSpread:
+def found_spread(
+    measurement: Measurement, fine: torch.Tensor, camera: ChannelCamera, lays: Sequence[Lay] | None = None
+) -> PointSpread:
     """The point spread with which light on fine pixels explains an image best, channel by channel.
 
     Args:
         measurement: the image with its channels together, in units of the radiosity, all pixels.
         fine: light of the relief on fine pixels, in the same units, shape [n_w, k m, k m].
         camera: so far; channels of which too little is seen keep its blur.
+        lays: where channels' pictures of this light lay on the pixels; None: where they belong.
     """
-    known, lays = camera.shown_by, camera.lays
+    known = camera.shown_by
     fits, form, form_blur = dict[int, _Fit](), None, 0.0
     middle = len(fine) // 2
     for channel in sorted(range(len(fine)), key=lambda c: abs(c - middle)):

@@ -1,4 +1,4 @@
-"""What lines tell beside themselves: losses of light, its evenness, and the bench; the fewest numbers that explain it.
+"""The bench that lines tell: the fewest of its numbers that explain an image.
 
 Every number that is free has its share of an image's noise, and gap, base and index, which heights nearly make up for,
 have most of it: of a picture that only lies aside by half a pixel all numbers together make 1.5 and 2.6 um of heights
@@ -8,26 +8,25 @@ more than noise.
 """
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
-from functools import partial
+import math
+from collections.abc import Collection, Sequence
 from typing import Protocol
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on
+from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines
+from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines, number_of_glass
+from nets.reconstruct.fibres.bench.light_of_lines import losses_shown
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
-from nets.reconstruct.fibres.bench.run_state import LinesRun, RunState
+from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image.image_fit import WIDTH, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.losses_of_light import effects_of, with_losses
-from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
-from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.scene import Scene
+from nets.reconstruct.fibres.shapes.waves import noise_of
+from warp_caustics.found_bench.bench_numbers import VERGENCE
+from warp_caustics.found_bench.bench_record import SIGNIFICANT
 
 LATER = (("dispersion_scale", *SLANTS, *BEND_LIGHT), BEND_LIGHT)
 """Numbers that are not asked at first, and not then."""
@@ -37,6 +36,11 @@ BENCH_GAIN = 0.9
 """A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
 AS_WELL = 1.002
 """The same of fewer numbers, which explain an image as well."""
+UNLIKE, UNLIKE_BLURRED = 2e-3, 2.0
+"""Of flat light, that a picture of another size is simulated wrong by, root mean square, and the power by which that
+falls per pixel of blur: 0.15 to 0.23 % without, half behind 0.35 px, a fifth behind 0.8."""
+PULL = 23.0
+"""Deviations that this pulls gap, base and index aside by, where it is as much as the noise."""
 LEAST_LARGER_PX = 0.03
 """At the rim, by which a picture looks larger than it was told, for it to be asked whether it is."""
 AGAIN = 2
@@ -48,9 +52,6 @@ BY_CHANCE = 0.05
 """How often numbers that are as told may look other than told."""
 MOST = 0.5
 """Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
-LIGHT_GAIN = 0.98
-"""What is left must fall by this factor, by least squares alone, for stray and uneven light to be asked: lines that are
-wrong leave some, too."""
 
 
 class Run(LinesRun, Protocol):
@@ -82,54 +83,16 @@ def in_turn(names: Collection[str]) -> list[tuple[str, ...]]:
     return [each for each, after in zip(asked, [*counts[1:], last + 1], strict=True) if 0 < len(each) < after]
 
 
-def fit_with_losses(run: Run) -> None:
-    """Lines with losses of light, where they explain the image better: left out they look like another gap.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-    lossy = losses_shown(run)
-    if lossy == run.numbers.scene:
-        return
-
-    def fit() -> float:
-        run.numbers = dataclasses.replace(run.numbers, scene=lossy)
-        run.lines, _ = run.together().on(run.lines, run.bench)
-        run.view = run.on(run.bench)
-        return 1.0
-
-    _kept(run, fit)
-
-
-def fit_with_light(run: Run) -> None:
-    """Lines with light that is uneven, and stray light: what needs no other bench.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-    if not tells_light(run):
-        return
-
-    def fit() -> float:
-        run.lines, run.bench = run.together((AMBIENT,))(run.lines, run.bench)
-        run.view = run.on(run.bench)
-        return 1.0
-
-    _kept(run, fit)
-
-
 def fit_with_gap(run: Run) -> None:
     """Lines with gap, base and index as one number, where that is significantly other than told.
 
     Raises:
         KeyboardInterrupt: the run's time is over; lines are as they were.
     """
-    if is_too_fine(run):
-        return
     made: list[BenchOfLines] = []
 
     def fit() -> float:
-        found = gap_of_lines(run)
+        found = gap_of_lines(run, far_enough(run, SIGNIFICANT))
         if found is None:
             return 0.0
         together, nearer = found
@@ -139,7 +102,28 @@ def fit_with_gap(run: Run) -> None:
         _search_again(run)
         return 1.0 if run.view.is_explained(run.lines) else BENCH_GAIN
 
-    if _kept(run, fit):
+    if kept_if_less(run, fit):
+        run.bench = made[0].with_sigma(run.bench, _told_by(run, made[0]))
+
+
+def fit_with_glass(run: Run) -> None:
+    """Lines with another index, where gap or base had made up for it before the glass's dispersion was found.
+
+    Raises:
+        KeyboardInterrupt: the run's time is over; lines are as they were.
+    """
+    made: list[BenchOfLines] = []
+
+    def fit() -> float:
+        found = number_of_glass(run)
+        if found is None:
+            return 0.0
+        together, (run.lines, run.bench) = found
+        made.append(together)
+        run.view = run.on(run.bench)
+        return AS_WELL if run.view.is_explained(run.lines) else BENCH_GAIN
+
+    if kept_if_less(run, fit):
         run.bench = made[0].with_sigma(run.bench, _told_by(run, made[0]))
 
 
@@ -157,13 +141,18 @@ def fit_with_bench(run: Run) -> None:
         together = found or together
         if found is not None and not has_tried:
             together, has_tried = _fit_with_picture(run) or together, True
-        if not left and again and found is not None and run.view.is_explained(run.lines) and not is_too_fine(run):
+        if not left and again and found is not None and run.view.is_explained(run.lines):
             left, again = every, again - 1
     if run.view.is_explained(run.lines):
+        if is_first(run):
+            # Lines were already where all numbers together leave least.
+            together = run.together()
+            _told_by(run, together)
         if together is not None:
             _fit_with_fewer(run, together)
         if not set(BEND_LIGHT) & set(run.asked):
             fit_with_gap(run)
+        fit_with_glass(run)
 
 
 def is_first(run: Run) -> bool:
@@ -171,13 +160,24 @@ def is_first(run: Run) -> bool:
     return run.is_elsewhere and run.covariance is None
 
 
-def is_too_fine(run: Run) -> bool:
-    """Whether gap, base and index show less in an image than a picture of another size is simulated wrong by.
+def far_enough(run: Run, usual: float) -> float:
+    """Standard deviations that gap, base and index must be away to be asked.
 
-    That is 0.5 % of flat light. Three lines that left nothing but noise of a picture 1 % too large asked for a gap
-    27 um wider, by 133 squared deviations; a plate of the test bench was 15 um off on a base 0.2 mm thicker.
+    More than usual of lines that explain a picture of another size, by what that is simulated wrong by. Light that
+    went to so many pixels is simulated as such, but for a rest that is resampled
+    (:class:`~warp_caustics.reconstruct.seen_camera.point_spread.FineLight`), and what was measured is brought back:
+    three lines that left nothing but noise of a picture 1 % too large asked for a gap 27 um wider, by 133 squared
+    deviations, when that made half of their noise. Where they were never asked for, lines on ordinary random benches,
+    0.02 to 0.08 % too large, kept a gap 80 um too narrow, and were 10 to 30 um off.
+
+    Args:
+        run: lines so far.
+        usual: deviations.
     """
-    return run.numbers.is_picture and run.view.is_explained(run.lines)
+    if not (run.numbers.is_picture and run.view.is_explained(run.lines)):
+        return usual
+    wrong = UNLIKE * math.exp(-UNLIKE_BLURRED * float(run.view.camera.blur.min()))
+    return usual + PULL * wrong / (noise_of(run.view) * max(1.0, run.view.left(run.lines) or 1.0))
 
 
 def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:
@@ -187,39 +187,30 @@ def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ..
     """
     if is_first(run):
         return some[0], list(some[1:])
-    if is_too_fine(run):
-        some = [names for names in some if not set(BEND_LIGHT) & set(names)]
-        if not some:
-            return None, []
     evidence = run.together().evidence(run.lines, run.bench, some)
-    if run.view.is_explained(run.lines) and max(evidence) < ASKING**2:
-        return None, []
+    if run.view.is_explained(run.lines):
+        if max(evidence) < ASKING**2:
+            return None, []
+        if run.numbers.is_picture:
+            some, evidence = _but_for_the_fine(run, some, evidence)
+            if not some:
+                return None, []
     first = next(k for k, each in enumerate(evidence) if each >= MOST * max(evidence))
     return some[first], list(some[first + 1 :])
 
 
-def losses_shown(run: Run) -> Scene:
-    """The bench as it is told with the losses of light that leave least of the image by the lines so far."""
-    image = seen_on(run.told.image, run.numbers, run.bench)
-    scene = with_losses(run.view.scene, partial(_misfit, run, image))
-    return run.numbers.scene.model_copy(update=effects_of(scene))
+def _but_for_the_fine(
+    run: Run, some: Sequence[tuple[str, ...]], evidence: Sequence[float]
+) -> tuple[list[tuple[str, ...]], list[float]]:
+    """Sets of numbers, and their evidence, without gap, base and index unless these tell more than is simulated wrong.
 
-
-def tells_light(run: Run) -> bool:
-    """Whether clearly less is left of the image with stray light and light that is uneven, by least squares alone."""
-    view, seen = run.view, run.view.discrepancy.whole
-    if seen.noise is None:
-        return False
-    picture = view.discrepancy.picture(view.relief(run.lines))
-    modes = torch.from_numpy(field_modes(picture.shape[0], picture.shape[-1])).to(picture)
-    rows = torch.cat((modes * picture, torch.ones_like(picture)[None]))
-    weight = seen.weight / (((seen.irradiance - picture) / WIDTH).square() + 1).sqrt()
-    weighted = (rows * weight).flatten(1).double()
-    normal, right = weighted @ rows.flatten(1).T.double(), weighted @ (seen.irradiance - picture).flatten().double()
-    ridge = torch.diag(1e-9 * normal.diagonal())
-    change = torch.tensordot(torch.linalg.solve(normal + ridge, right).to(rows), rows, 1)
-    was, now = seen.discrepancy(picture), seen.discrepancy(picture + change)
-    return was is not None and now is not None and now < LIGHT_GAIN * was
+    Beside what the other sets tell.
+    """
+    is_fine = [bool(set(BEND_LIGHT) & set(names)) for names in some]
+    plain = max((each for each, fine in zip(evidence, is_fine, strict=True) if not fine), default=0.0)
+    least = plain + far_enough(run, ASKING) ** 2
+    kept = [k for k, fine in enumerate(is_fine) if evidence[k] >= (least if fine else ASKING**2)]
+    return [some[k] for k in kept], [evidence[k] for k in kept]
 
 
 def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
@@ -240,7 +231,7 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
             _search_again(run)
             return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
 
-        if not _kept(run, fit):
+        if not kept_if_less(run, fit):
             break
         found = made[0]
         _told_by(run, found)
@@ -299,7 +290,7 @@ def _fit_with_picture(run: Run) -> BenchOfLines | None:
         _search_again(run)
         return 1.0
 
-    if not _kept(run, fit):
+    if not kept_if_less(run, fit):
         return None
     _told_by(run, made[0])
     is_done = run.view.is_explained(run.lines)
@@ -322,7 +313,7 @@ def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:
         run.view = run.on(run.bench)
         return AS_WELL if run.view.is_explained(run.lines) else 0.0
 
-    if _kept(run, fit):
+    if kept_if_less(run, fit):
         _told_by(run, fewer)
         run.bench = dataclasses.replace(run.bench, sigma={**sigma, **run.bench.sigma})
 
@@ -359,22 +350,3 @@ def _told_by(run: Run, together: BenchOfLines) -> JointCovariance:
     covariance = together.covariance(run.lines, run.bench)
     run.covariance, run.counted, run.asked = covariance, run.lines, together.numbers.names
     return covariance
-
-
-def _kept(run: Run, fit: Callable[[], float]) -> bool:
-    """Change a run, and change it back unless what is left of the image falls below so much of what was, as is told."""
-    kept, is_kept = RunState.of(run), False
-    try:
-        enough = fit()
-        was, now = kept.left, run.view.left(run.lines)
-        is_kept = was is not None and now is not None and now < enough * was
-    finally:
-        if not is_kept:
-            kept.put(run)
-    return is_kept
-
-
-def _misfit(run: Run, image: CausticImage, scene: Scene) -> float:
-    """Of the lines so far in a scene, at its exposure."""
-    fit = ImageFit(scene, image, run.model, scene.image_pixels, camera=run.view.camera)
-    return fit.loss(run.model.heights(run.lines), at_exposure=True)

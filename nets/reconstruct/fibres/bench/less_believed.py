@@ -21,11 +21,19 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER, GapOfLines, along, on_other_bench, with_valley
+from nets.reconstruct.fibres.bench.gap_of_lines import (
+    FARTHER,
+    GapOfLines,
+    along,
+    by_number,
+    on_other_bench,
+    with_valley,
+)
 from nets.reconstruct.fibres.bench.line_posterior import misfit_weight
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.found_bench.bench_uncertainty import DISPERSION, GLASS, INDEX_OFFSET
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
@@ -91,16 +99,20 @@ def less_believed(numbers: BenchNumbers, bench: Bench) -> BenchNumbers:
     return numbers if parameters == numbers.parameters else dataclasses.replace(numbers, parameters=parameters)
 
 
-def gap_of_lines(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | None:
+def gap_of_lines(run: Run, significant: float = SIGNIFICANT) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | None:
     """What found it, lines, and the bench with another gap, base or index that they tell; None where that is as told.
 
     Lines and bench of the run stay; its beliefs become those that led there, its section that of the lines.
+
+    Args:
+        run: whose lines nearly explain the image.
+        significant: standard deviations that another one must be away.
     """
     before = run.numbers
     run.numbers = less_believed(before, run.bench)
     numbers, together = run.numbers, run.together()
     valley = GapOfLines(together)
-    found = valley(run.lines, run.bench)
+    found = valley(run.lines, run.bench, significant=significant)
     run.hinted = valley.hinted if abs(valley.hinted) > LEAST_HINT else 0.0
     if found is None:
         run.numbers = before
@@ -122,6 +134,36 @@ def gap_of_lines(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | 
         return together, found
     run.numbers, run.model.shape = numbers, shape
     return narrow
+
+
+def number_of_glass(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | None:
+    """What found it, lines, and the bench with another index, where gap or base had made up for another glass.
+
+    That its dispersion is another shows last, when light already goes as far as it has to; what sent it there was
+    believed least only before. None where no other glass was found, or its index is not what leaves least; the run
+    stays then, but for what it believes if there is one.
+
+    Args:
+        run: whose lines explain the image on its bench.
+    """
+    before = run.numbers
+    asked = {p.name: p.prior for p in before.parameters}
+    moved = {name for name in BEND_LIGHT if name in asked and run.bench.values[name] != before.before[name]}
+    if not moved - {INDEX_OFFSET} or not {DISPERSION, INDEX_OFFSET} <= set(asked):
+        return None
+    run.numbers = less_believed(before, run.bench)
+    if _least_believed(run.numbers, run.bench) == INDEX_OFFSET:
+        together, found = by_one_number(run, run.numbers.names, run.lines, run.bench, run.numbers)
+        if found[1] is not run.bench:
+            return together, together.on(*found)
+    run.numbers = before
+    return None
+
+
+def _least_believed(numbers: BenchNumbers, bench: Bench) -> str:
+    """Which of gap, base and index may send light farthest by what is believed of it."""
+    free = [p for p in numbers.parameters if p.name in BEND_LIGHT]
+    return max(free, key=lambda p: p.prior * abs(by_number(numbers, bench, p))).name
 
 
 def fit_together(run: Run, names: Collection[str]) -> BenchOfLines:
@@ -204,7 +246,9 @@ def by_one_number(
     fit.correct_at(model.heights(lines))
     least = GapOfLines(together).settled(lines, bench, fit.missing)
     better = misfit_weight(fit, least) * BETTER**2 / 2
-    found = [(least - better, together, lines, bench, model.shape, numbers)]
+    first = _least_believed(numbers, bench)
+    is_first = bench.values[first] != told.values[first]
+    found = [(least - is_first * better, together, lines, bench, model.shape, numbers)]
     shape = model.shape
     for name in asked:
         if {each for each in asked if bench.values[each] != told.values[each]} == {name}:
@@ -216,7 +260,7 @@ def by_one_number(
             valley = GapOfLines(run.together(names))
             moved = model.clamped(on_other_bench(lines, *(numbers.scene_of(each.values) for each in (bench, other))))
             nearer, other = valley(moved, other, significant=FARTHER) or (moved, other)
-            left = valley.settled(nearer, other, fit.missing)
+            left = valley.settled(nearer, other, fit.missing) - (name == first and not is_first) * better
         except InputError:
             continue
         found.append((left, valley.together, nearer, other, model.shape, run.numbers))

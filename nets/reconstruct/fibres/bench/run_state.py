@@ -1,6 +1,6 @@
 """What the lines of an image and their bench are so far, so that a change that explains no more can be taken back."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import NamedTuple, Protocol
 
 import torch
@@ -66,3 +66,16 @@ class RunState(NamedTuple):
     def left(self) -> float | None:
         """Discrepancy of the lines in the whole image; None if the noise of the image is unknown."""
         return self.view.left(self.lines)
+
+
+def kept_if_less(run: LinesRun, fit: Callable[[], float]) -> bool:
+    """Change a run, and change it back unless what is left of the image falls below so much of what was, as is told."""
+    kept, is_kept = RunState.of(run), False
+    try:
+        enough = fit()
+        was, now = kept.left, run.view.left(run.lines)
+        is_kept = was is not None and now is not None and now < enough * was
+    finally:
+        if not is_kept:
+            kept.put(run)
+    return is_kept

@@ -7,22 +7,24 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench import less_believed
+from nets.reconstruct.fibres.bench import bench_fits, less_believed
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench, bench_record, lit, seen_on
 from nets.reconstruct.fibres.bench.bench_fits import (
     asked_next,
     differing,
+    far_enough,
     fit_with_bench,
     fit_with_gap,
-    fit_with_light,
     in_turn,
 )
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
+from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
@@ -173,19 +175,25 @@ def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_pictur
     )
 
 
-def test_gap_and_base_are_not_asked_of_a_picture_of_another_size(model, monkeypatch):
-    """That lines explain; of one they do not explain they are."""
+def test_gap_and_base_of_a_picture_of_another_size_must_tell_more_than_is_simulated_wrong(model, monkeypatch):
+    """Of one that lines explain, by how much noise hides of that."""
     run = run_with(model, photographed(model, bench_with()), LINES)
-    monkeypatch.setattr(BenchOfLines, "evidence", lambda self, lines, bench, some: [100.0] * len(some))
+    said = 100.0
+    monkeypatch.setattr(BenchOfLines, "evidence", lambda self, lines, bench, some: [said] * len(some))
     turns = in_turn(run.numbers.names)
     assert asked_next(run, turns[-1:])[0] == turns[-1]
     run.numbers = replace(run.numbers, is_picture=True)
+    assert far_enough(run, 3.0) == pytest.approx(3.0 + 23.0 * 2e-3 / NOISE, rel=0.05)
     assert asked_next(run, turns[-1:]) == (None, [])
     assert asked_next(run, turns)[0] == turns[0]
-    monkeypatch.setattr(less_believed, "GapOfLines", lambda together: pytest.fail("asked"))
+    asked = []
+    monkeypatch.setattr(bench_fits, "gap_of_lines", lambda run, significant: asked.append(significant))
     fit_with_gap(run)
-    run.lines = LINES[:1]
-    assert asked_next(run, turns[-1:])[0] == turns[-1]
+    assert asked == [far_enough(run, SIGNIFICANT)]
+    said = 200.0
+    assert asked_next(run, turns[-1:])[0] == turns[-1], "clearly more"
+    said, run.lines = 100.0, LINES[:1]
+    assert asked_next(run, turns[-1:])[0] == turns[-1], "of one that they do not explain they are asked"
 
 
 def test_light_that_is_uneven_needs_no_other_bench(model):

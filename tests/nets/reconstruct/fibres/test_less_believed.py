@@ -8,12 +8,20 @@ import pytest
 from nets.reconstruct.fibres.bench import less_believed as less_believed_module
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines
-from nets.reconstruct.fibres.bench.less_believed import FAR, LEAST_HINT, gap_of_lines, less_believed, widened
+from nets.reconstruct.fibres.bench.gap_of_lines import GapOfLines, on_other_bench
+from nets.reconstruct.fibres.bench.less_believed import (
+    FAR,
+    LEAST_HINT,
+    gap_of_lines,
+    less_believed,
+    number_of_glass,
+    widened,
+)
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.trust.beliefs import left_open_by_hint, left_open_by_unclear_bench
 from tests.nets.reconstruct.fibres.test_gap_of_lines import (
+    LINES,
     SCENE,
     SHARP,
     N,
@@ -114,6 +122,33 @@ def test_a_bench_far_away_is_found_by_the_number_that_differs(model, name):
     assert set(apart) == {name} and apart[name] == pytest.approx(1e-3, rel=0.1)
     assert together.numbers == run.numbers and name in widened(told, run.numbers)
     assert run.lines is lines_before and run.bench.values == Bench.told(told).values
+
+
+def test_a_gap_that_made_up_for_another_glass_is_given_back(model):
+    """PMMA, whose index is the same in all colours: that shows when a gap has sent light nearly as far as it went."""
+    told, plastic = numbers(), {"index_offset": 0.032, "dispersion_scale": 0.0}
+    run = Run(model, photographed(model, **plastic), told)
+    run.bench = moved(told, gap_m=6.6e-5, dispersion_scale=0.0)
+    there, here = with_optical_values(SCENE, plastic), told.scene_of(run.bench.values)
+    run.lines, _ = run.together().on(on_other_bench(LINES, there, here), run.bench)
+    together, (lines, bench) = number_of_glass(run)
+    apart = {key for key, value in bench.values.items() if value != told.before[key]}
+    assert apart == {"index_offset", "dispersion_scale"}
+    assert bench.values["index_offset"] == pytest.approx(0.032, abs=0.003)
+    assert error_um(model, lines) < 0.15 * error_um(model, run.lines)
+    assert together.numbers == run.numbers and "index_offset" in widened(told, run.numbers)
+
+
+def test_a_gap_stays_where_no_other_glass_was_found(model):
+    """Or where the user knows the index."""
+    told, known = numbers(), numbers(index_offset=1e-4)
+    run = Run(model, photographed(model, gap_m=1e-4), told)
+    run.bench = moved(told, gap_m=1e-4)
+    assert number_of_glass(run) is None and run.numbers is told
+    run.numbers, run.bench = known, moved(known, gap_m=1e-4, dispersion_scale=0.0)
+    assert number_of_glass(run) is None and run.numbers is known
+    run.numbers, run.bench = told, moved(told, index_offset=0.03, dispersion_scale=0.0)
+    assert number_of_glass(run) is None, "it is the index that has moved"
 
 
 def test_a_bench_that_is_as_told_is_left_alone(model):
