@@ -24,7 +24,6 @@ from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCov
 from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.shapes.waves import noise_of
 from warp_caustics.found_bench.bench_numbers import VERGENCE
 from warp_caustics.found_bench.bench_record import SIGNIFICANT
 
@@ -177,7 +176,7 @@ def far_enough(run: Run, usual: float) -> float:
     if not (run.numbers.is_picture and run.view.is_explained(run.lines)):
         return usual
     wrong = UNLIKE * math.exp(-UNLIKE_BLURRED * float(run.view.camera.blur.min()))
-    return usual + PULL * wrong / (noise_of(run.view) * max(1.0, run.view.left(run.lines) or 1.0))
+    return usual + PULL * wrong / (run.view.noise * max(1.0, run.view.left(run.lines) or 1.0))
 
 
 def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:

@@ -3,6 +3,7 @@
 import dataclasses
 from functools import cached_property
 
+import numpy as np
 import torch
 
 from nets.reconstruct.fibres.image.discrepancy import FAR_OF_NOISE, Discrepancy, is_explained
@@ -14,6 +15,8 @@ from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
+NOISE = 0.015
+"""Standard deviation of a pixel where nobody told it, in units of the radiosity."""
 WRONG_SHARE = 0.25
 """Of the contrast of the image in a place (:meth:`Discrepancy.places`) that wrong lines leave there. True reliefs of
 twelve own plates, and lines 0.2 and 0.3 um off, leave 0 everywhere; lines 1.3 um off 0.19, nine sets 1.7 to 24 um off
@@ -45,6 +48,13 @@ class LinesView:
     def camera(self) -> ChannelCamera:
         """That took the image."""
         return self.resimulation.camera
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a pixel, in units of the radiosity; the usual one where nobody told it."""
+        if self.image.noise_std is None:
+            return NOISE
+        return float(np.mean(np.asarray(self.image.noise_std) / np.maximum(self.scene.radiosity_W_m2, 1e-30)))
 
     @cached_property
     def image_with_noise(self) -> CausticImage:

@@ -19,7 +19,6 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.search.starting_lines import MANY, WELL_TOLD
 from nets.reconstruct.fibres.shapes.curves_fit import curved_heights, fitted_to_image
-from nets.reconstruct.fibres.shapes.waves import noise_of
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.errors import MismatchError
 from warp_caustics.prints.chain_model import ChainModel
@@ -119,7 +118,7 @@ class CurvesOfImage:
         self.chains = ChainModel(model)
         self.most = method.options.most_lines
         self.finds_section = method.finds_section
-        self.noise = noise_of(view)
+        self.noise = view.noise
         image, scene = view.image, view.scene
         one = OneWavelength.clearest(image, scene, view.camera)
         self.few = one.fit(model, usual_pixels(scene), report=report)

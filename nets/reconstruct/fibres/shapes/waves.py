@@ -38,8 +38,6 @@ ALSO_TRIED = 2.0
 plates with waves of 4 % and 50 um left 0.9 to 1.7 (curves and rings, which are no lines, as much and more)."""
 WAVES_FACTOR = 0.7
 """What is left of the image must fall by this factor for waves to be taken: they have hundreds of numbers."""
-NOISE = 0.015
-"""Standard deviation of a pixel where nobody told it, in units of the radiosity."""
 LOSS_SCALE = 1e3
 CONVERGED = 1e-5
 
@@ -104,7 +102,7 @@ def waves_of(run: Run) -> WavyLines | None:
     Raises:
         KeyboardInterrupt: the run's time is over.
     """
-    view, (_, left, of_network), noise = run.view, run.left(), noise_of(run.view)
+    view, (_, left, of_network), noise = run.view, run.left(), run.view.noise
     if view.is_explained(run.lines) or left > ALSO_TRIED * of_network:
         return None
     image = view.image
@@ -147,13 +145,6 @@ def with_mended_lines(few: ImageFit, found: WavyLines, noise: float, beside: Bes
             break
         found, left = tried[best], losses[best]
     return found
-
-
-def noise_of(view: LinesView) -> float:
-    """Standard deviation of a pixel, in units of the radiosity; the usual one where nobody told it."""
-    if view.image.noise_std is None:
-        return NOISE
-    return float(np.mean(np.asarray(view.image.noise_std) / np.maximum(view.scene.radiosity_W_m2, 1e-30)))
 
 
 def straight(model: LineModel, lines: torch.Tensor) -> WavyLines:

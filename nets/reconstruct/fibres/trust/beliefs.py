@@ -21,7 +21,6 @@ import torch
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, SHAPE_WIDTHS, JointCovariance
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.shapes.waves import noise_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.found_bench.bench_uncertainty import DISPERSION, GLASS, INDEX_OFFSET, careful_widths
@@ -116,7 +115,7 @@ def as_stated(
     """
     found = numbers.only(asked)
     n_beside = len(found.parameters) + len(bench.field)
-    share = independent_share(noise_of(view), view.left(lines) or 1.0)
+    share = independent_share(view.noise, view.left(lines) or 1.0)
     return as_believed(covariance, found, stated_widths(numbers, bench), n_beside, share)
 
 
