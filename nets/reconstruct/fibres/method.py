@@ -18,6 +18,7 @@ from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.after_lines import after_lines
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
+from nets.reconstruct.fibres.trust.beliefs import told_together
 from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
@@ -164,7 +165,7 @@ class Fibres(Reconstructor):
             is_exact = run.takes_lines and run.is_noise_left
             found = with_causes(found, *run.shown_to(found), numbers, is_exact=is_exact)
         if self.options.bench_uncertainty:
-            counted = () if run.covariance is None else run.asked
+            counted = () if run.covariance is None else told_together(run.asked)
             found = with_bench(found, self.network.numbers, counted, self.options.flatness_m)
         return self.network.asked[0].grid.result(with_doubt(found))
 

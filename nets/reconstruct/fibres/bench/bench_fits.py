@@ -18,7 +18,8 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines, number_of_glass
+from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER
+from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines, is_other_glass, number_of_glass
 from nets.reconstruct.fibres.bench.light_of_lines import losses_shown
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
@@ -91,7 +92,8 @@ def fit_with_gap(run: Run) -> None:
     made: list[BenchOfLines] = []
 
     def fit() -> float:
-        found = gap_of_lines(run, far_enough(run, SIGNIFICANT))
+        # Of another glass no index is as told.
+        found = gap_of_lines(run, far_enough(run, FARTHER if is_other_glass(run) else SIGNIFICANT))
         if found is None:
             return 0.0
         together, nearer = found
@@ -138,6 +140,9 @@ def fit_with_bench(run: Run) -> None:
         names, left = asked_next(run, left)
         found = None if names is None else _fit_with_numbers(run, names)
         together = found or together
+        if found is not None and not set(BEND_LIGHT) & set(names or ()) and is_other_glass(run):
+            # Its index is asked before all numbers together, which end anywhere between.
+            fit_with_gap(run)
         if found is not None and not has_tried:
             together, has_tried = _fit_with_picture(run) or together, True
         if not left and again and found is not None and run.view.is_explained(run.lines):

@@ -64,7 +64,7 @@ class Trial:
         bench: with that.
         lines: shape [L, 6] [m].
         shape: of their section.
-        loss: misfit at one wavelength, and what is believed of the bench, in its units.
+        loss: misfit, and what is believed of the bench, in its units.
     """
 
     share: float
@@ -137,7 +137,7 @@ def vertex(left: Trial, middle: Trial, right: Trial) -> tuple[float, float]:
 
 
 class GapOfLines:
-    """Finds the bench along the valley, at the wavelength that shows most.
+    """Finds the bench along the valley: on a GPU at all wavelengths, on a CPU at that which shows most.
 
     Args:
         together: misfits of the image on benches; of its numbers gap, base and index are moved.
@@ -145,7 +145,9 @@ class GapOfLines:
 
     def __init__(self, together: BenchOfLines):
         self.together, self.numbers, self.model = together, together.numbers, together.model
-        self._channel = clearest_wavelength(together.image, together.numbers.scene)
+        # All wavelengths tell as much more as there are of them; a core takes as many times as long for them.
+        is_quick = self.model.device.type == "cuda"
+        self._channel = None if is_quick else clearest_wavelength(together.image, together.numbers.scene)
         self.hinted = 0.0
         """Share of (n - 1) D by which the last search would have gone, had that been significant."""
 

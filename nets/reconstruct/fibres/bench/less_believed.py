@@ -136,6 +136,17 @@ def gap_of_lines(run: Run, significant: float = SIGNIFICANT) -> tuple[BenchOfLin
     return narrow
 
 
+def is_other_glass(run: Run) -> bool:
+    """Whether its dispersion was found so far from the told one that least of gap, base and index is known of this."""
+    numbers = run.numbers
+    if (
+        not {DISPERSION, INDEX_OFFSET} <= set(numbers.names)
+        or numbers.before[DISPERSION] == run.bench.values[DISPERSION]
+    ):
+        return False
+    return _least_believed(less_believed(numbers, run.bench), run.bench) == INDEX_OFFSET
+
+
 def number_of_glass(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | None:
     """What found it, lines, and the bench with another index, where gap or base had made up for another glass.
 
@@ -147,15 +158,13 @@ def number_of_glass(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]]
         run: whose lines explain the image on its bench.
     """
     before = run.numbers
-    asked = {p.name: p.prior for p in before.parameters}
-    moved = {name for name in BEND_LIGHT if name in asked and run.bench.values[name] != before.before[name]}
-    if not moved - {INDEX_OFFSET} or not {DISPERSION, INDEX_OFFSET} <= set(asked):
+    moved = {name for name in BEND_LIGHT if run.bench.values.get(name) != before.before.get(name)}
+    if not moved - {INDEX_OFFSET} or not is_other_glass(run):
         return None
     run.numbers = less_believed(before, run.bench)
-    if _least_believed(run.numbers, run.bench) == INDEX_OFFSET:
-        together, found = by_one_number(run, run.numbers.names, run.lines, run.bench, run.numbers)
-        if found[1] is not run.bench:
-            return together, together.on(*found)
+    together, found = by_one_number(run, run.numbers.names, run.lines, run.bench, run.numbers)
+    if found[1] is not run.bench:
+        return together, together.on(*found)
     run.numbers = before
     return None
 

@@ -17,7 +17,13 @@ from nets.reconstruct.fibres.bench.line_posterior import (
 )
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.trust.beliefs import as_believed, independent_share, stated_widths, times_less_known
+from nets.reconstruct.fibres.trust.beliefs import (
+    as_believed,
+    independent_share,
+    stated_widths,
+    times_less_known,
+    told_together,
+)
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_uncertainty import GLASS
@@ -138,3 +144,11 @@ def test_noise_that_nobody_told_is_estimated():
     hidden = np.zeros(shown.shape, bool)
     hidden[:, :1, :1] = True
     assert stated(CausticImage(shown, mask=hidden)) is None
+
+
+def test_gap_base_and_index_are_told_together():
+    """As one factor: of a base that was thicker, too, lines would have told as so much less gap."""
+    bend_light = {"gap_m", "base_thickness_m", "index_offset"}
+    assert told_together(("gap_m", "ambient")) == {"ambient", *bend_light}
+    assert told_together(("index_offset",)) == bend_light
+    assert told_together(("screen_x_m", "ambient")) == {"screen_x_m", "ambient"}

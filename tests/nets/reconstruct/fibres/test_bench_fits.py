@@ -20,6 +20,7 @@ from nets.reconstruct.fibres.bench.bench_fits import (
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
@@ -194,6 +195,18 @@ def test_gap_and_base_of_a_picture_of_another_size_must_tell_more_than_is_simula
     assert asked_next(run, turns[-1:])[0] == turns[-1], "clearly more"
     said, run.lines = 100.0, LINES[:1]
     assert asked_next(run, turns[-1:])[0] == turns[-1], "of one that they do not explain they are asked"
+
+
+def test_another_glass_is_found_by_its_colours_and_then_its_index(model):
+    """BK7 of the same index in all colours: all numbers together end between gap, base and index, none of them right."""
+    glass = {"index_offset": 0.0583, "dispersion_scale": 0.0}
+    image = photographed(model, bench_with(**glass))
+    run = run_with(model, image, ImageFit(SCENE, image, model, SCENE.image_pixels).descend(LINES, 40).lines)
+    before = error_um(model, run.lines)
+    fit_with_bench(run)
+    assert run.bench.values["index_offset"] == pytest.approx(0.0583, abs=0.02), "as so small an image tells it"
+    assert run.bench.values["gap_m"] == NUMBERS.before["gap_m"]
+    assert error_um(model, run.lines) < 0.35 * before
 
 
 def test_light_that_is_uneven_needs_no_other_bench(model):
