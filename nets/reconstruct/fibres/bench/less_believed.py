@@ -136,15 +136,21 @@ def gap_of_lines(run: Run, significant: float = SIGNIFICANT) -> tuple[BenchOfLin
     return narrow
 
 
+def believed_at_first(numbers: BenchNumbers) -> BenchNumbers:
+    """Numbers with what was believed of them before any was found far away."""
+    every = BenchNumbers.of(numbers.scene, numbers.told_widths)
+    usual = {p.name: p.prior for p in (*every.parameters, *every.not_told)}
+    parameters = tuple(dataclasses.replace(p, prior=usual[p.name]) for p in numbers.parameters)
+    return dataclasses.replace(numbers, parameters=parameters)
+
+
 def is_other_glass(run: Run) -> bool:
-    """Whether its dispersion was found so far from the told one that least of gap, base and index is known of this."""
-    numbers = run.numbers
-    if (
-        not {DISPERSION, INDEX_OFFSET} <= set(numbers.names)
-        or numbers.before[DISPERSION] == run.bench.values[DISPERSION]
-    ):
+    """Whether its dispersion was found to be another, and its index is not known."""
+    numbers, bench = run.numbers, run.bench
+    if not {DISPERSION, INDEX_OFFSET} <= set(numbers.names) or INDEX_OFFSET in numbers.told_widths:
         return False
-    return _least_believed(less_believed(numbers, run.bench), run.bench) == INDEX_OFFSET
+    colours = abs(bench.values[DISPERSION] - numbers.before[DISPERSION])
+    return colours > SIGNIFICANT * bench.sigma.get(DISPERSION, math.inf)
 
 
 def number_of_glass(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]] | None:
@@ -157,16 +163,19 @@ def number_of_glass(run: Run) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]]
     Args:
         run: whose lines explain the image on its bench.
     """
-    before = run.numbers
-    moved = {name for name in BEND_LIGHT if run.bench.values.get(name) != before.before.get(name)}
+    before, bench = run.numbers, run.bench
+    moved = {name for name in BEND_LIGHT if bench.values.get(name) != before.before.get(name)}
     if not moved - {INDEX_OFFSET} or not is_other_glass(run):
         return None
-    run.numbers = less_believed(before, run.bench)
-    together, found = by_one_number(run, run.numbers.names, run.lines, run.bench, run.numbers)
-    if found[1] is not run.bench:
-        return together, together.on(*found)
-    run.numbers = before
-    return None
+    as_told = {**bench.values, **{name: before.before[name] for name in moved}}
+    run.numbers = less_believed(believed_at_first(before), dataclasses.replace(bench, values=as_told))
+    together, found = by_one_number(run, before.names, run.lines, bench, run.numbers, INDEX_OFFSET)
+    if found[1] is bench:
+        run.numbers = before
+        return None
+    found = together.on(*found)
+    found = GapOfLines(together)(*found, significant=FARTHER) or found
+    return together, together.on(*found)
 
 
 def _least_believed(numbers: BenchNumbers, bench: Bench) -> str:
@@ -230,7 +239,12 @@ def widened(before: BenchNumbers, after: BenchNumbers) -> set[str]:
 
 
 def by_one_number(
-    run: Run, names: Collection[str], lines: torch.Tensor, bench: Bench, believed: BenchNumbers
+    run: Run,
+    names: Collection[str],
+    lines: torch.Tensor,
+    bench: Bench,
+    believed: BenchNumbers,
+    first: str | None = None,
 ) -> tuple[BenchOfLines, tuple[torch.Tensor, Bench]]:
     """Lines, shape [L, 6] [m], on the bench that leaves least of those on which one number sends light so far.
 
@@ -243,6 +257,7 @@ def by_one_number(
         lines: that explain the image, shape [L, 6] [m].
         bench: far from the told one, on which they do.
         believed: numbers with what was believed before; of the one that is taken less is believed now.
+        first: name of the number that others must leave less than; None: that which is believed least, alone or not.
 
     Returns:
         What found them; and lines and bench.
@@ -255,12 +270,13 @@ def by_one_number(
     fit.correct_at(model.heights(lines))
     least = GapOfLines(together).settled(lines, bench, fit.missing)
     better = misfit_weight(fit, least) * BETTER**2 / 2
-    first = _least_believed(numbers, bench)
-    is_first = bench.values[first] != told.values[first]
+    other_than_told = {name for name in asked if bench.values[name] != told.values[name]}
+    is_first = other_than_told == {first} if first else _least_believed(numbers, bench) in other_than_told
+    first = first or _least_believed(numbers, bench)
     found = [(least - is_first * better, together, lines, bench, model.shape, numbers)]
     shape = model.shape
     for name in asked:
-        if {each for each in asked if bench.values[each] != told.values[each]} == {name}:
+        if other_than_told == {name}:
             continue
         model.shape = shape
         try:
