@@ -114,7 +114,7 @@ class Resimulation:
             return None
         if camera.spread is not None or (self._is_exact and camera.lays is not None):
             lays = None if camera.lays is None else [lay._replace(is_back=False) for lay in camera.lays]
-            seen = camera.shown_by(self._fine.plain(self.relief(heights)), pixels, self._fine.lying(lays))
+            seen = camera.shown_by(self._fine.plain(self.relief(heights)), pixels, self._fine.lays_of_light(lays))
         else:
             about = self._simulated(heights)
             shift, scale, blur = (
@@ -132,7 +132,7 @@ class Resimulation:
                 return seen
         light = self._fine.plain(self.relief(heights), by_half=by_half)
         pixels = self.simulator.scene.image_pixels
-        seen = self.camera.shown_by(light, pixels, self._fine.lying(self.camera.lays)) / self._radiosity
+        seen = self.camera.shown_by(light, pixels, self._fine.lays_of_light(self.camera.lays)) / self._radiosity
         self._known_spread[:] = [*self._known_spread[1 - self.REMEMBERED :], (heights, by_half, seen)]
         return seen
 
@@ -252,7 +252,7 @@ class Resimulation:
         """
         relief = self.relief(heights)
         fine = self._fine(relief) / self._radiosity
-        spread = found_spread(self.measurement, fine, self.camera, self._fine.lying(self.camera.lays))
+        spread = found_spread(self.measurement, fine, self.camera, self._fine.lays_of_light(self.camera.lays))
         sharp = torch.nn.functional.avg_pool2d(fine, fine.shape[-1] // self.camera.pixels)
         blur = equal_blur_px(sharp, spread(fine, self.camera.pixels))
         return dataclasses.replace(self.camera, spread=spread, blur=blur)

@@ -10,7 +10,11 @@ import torch
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench, fit_with_gap
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
-from nets.reconstruct.fibres.bench.camera_of_lines import fit_through_blurring_lens, with_spread_of
+from nets.reconstruct.fibres.bench.camera_of_lines import (
+    fit_through_blurring_lens,
+    fit_through_lens,
+    with_spread_of,
+)
 from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.lens_or_light import fit_through_lens_or_with_light
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light, fit_with_losses
@@ -170,9 +174,12 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
-        fit_through_lens_or_with_light(self)
-        if self._is_near() and not self.method.takes_bench_as_told:
-            fit_with_lamp(self)
+        if self.method.takes_bench_as_told:
+            fit_through_lens(self)
+        else:
+            fit_through_lens_or_with_light(self)
+            if self._is_near():
+                fit_with_lamp(self)
         if self._is_near() and self.method.options.losses is not False:
             fit_with_losses(self)
         if self._is_near():

@@ -30,7 +30,7 @@ class ExactPicture:
         self._blur: torch.Tensor | None = None
         if self._spread is not None:
             self._light = light = FineLight(simulator, 1.0 if self._lays is None else camera.size)
-            self._lays = light.lying(self._lays)
+            self._lays = light.lays_of_light(self._lays)
         else:
             self._light = ExtrapolatedCaustic(simulator, times)
             blur = camera.blur_at(pixels)

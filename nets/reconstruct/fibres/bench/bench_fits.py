@@ -93,7 +93,7 @@ def fit_with_gap(run: Run) -> None:
 
     def fit() -> float:
         # Of another glass no index is as told.
-        found = gap_of_lines(run, far_enough(run, FARTHER if is_other_glass(run) else SIGNIFICANT))
+        found = gap_of_lines(run, deviations_asked(run, FARTHER if is_other_glass(run) else SIGNIFICANT))
         if found is None:
             return 0.0
         together, nearer = found
@@ -164,7 +164,7 @@ def is_first(run: Run) -> bool:
     return run.is_elsewhere and run.covariance is None
 
 
-def far_enough(run: Run, usual: float) -> float:
+def deviations_asked(run: Run, usual: float) -> float:
     """Standard deviations that gap, base and index must be away to be asked.
 
     More than usual of lines that explain a picture of another size, by what that is simulated wrong by. Light that
@@ -172,7 +172,7 @@ def far_enough(run: Run, usual: float) -> float:
     (:class:`~warp_caustics.reconstruct.seen_camera.point_spread.FineLight`), and what was measured is brought back:
     three lines that left nothing but noise of a picture 1 % too large asked for a gap 27 um wider, by 133 squared
     deviations, when that made half of their noise. Where they were never asked for, lines on ordinary random benches,
-    0.02 to 0.08 % too large, kept a gap 80 um too narrow, and were 10 to 30 um off.
+    whose pictures looked 0.03 to 0.4 % too large, kept a gap 80 um too narrow, and were 10 to 30 um off.
 
     Args:
         run: lines so far.
@@ -196,23 +196,23 @@ def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ..
         if max(evidence) < ASKING**2:
             return None, []
         if run.numbers.is_picture:
-            some, evidence = _but_for_the_fine(run, some, evidence)
+            some, evidence = _that_are_simulated(run, some, evidence)
             if not some:
                 return None, []
     first = next(k for k, each in enumerate(evidence) if each >= MOST * max(evidence))
     return some[first], list(some[first + 1 :])
 
 
-def _but_for_the_fine(
+def _that_are_simulated(
     run: Run, some: Sequence[tuple[str, ...]], evidence: Sequence[float]
 ) -> tuple[list[tuple[str, ...]], list[float]]:
-    """Sets of numbers, and their evidence, without gap, base and index unless these tell more than is simulated wrong.
+    """Sets of numbers, and their evidence, that tell more than a picture of another size is simulated wrong by.
 
     Beside what the other sets tell.
     """
     is_fine = [bool(set(BEND_LIGHT) & set(names)) for names in some]
     plain = max((each for each, fine in zip(evidence, is_fine, strict=True) if not fine), default=0.0)
-    least = plain + far_enough(run, ASKING) ** 2
+    least = plain + deviations_asked(run, ASKING) ** 2
     kept = [k for k, fine in enumerate(is_fine) if evidence[k] >= (least if fine else ASKING**2)]
     return [some[k] for k in kept], [evidence[k] for k in kept]
 

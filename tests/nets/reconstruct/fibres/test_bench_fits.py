@@ -11,8 +11,8 @@ from nets.reconstruct.fibres.bench import bench_fits, less_believed
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench, bench_record, lit, seen_on
 from nets.reconstruct.fibres.bench.bench_fits import (
     asked_next,
+    deviations_asked,
     differing,
-    far_enough,
     fit_with_bench,
     fit_with_gap,
     in_turn,
@@ -184,17 +184,30 @@ def test_gap_and_base_of_a_picture_of_another_size_must_tell_more_than_is_simula
     turns = in_turn(run.numbers.names)
     assert asked_next(run, turns[-1:])[0] == turns[-1]
     run.numbers = replace(run.numbers, is_picture=True)
-    assert far_enough(run, 3.0) == pytest.approx(3.0 + 23.0 * 2e-3 / NOISE, rel=0.05)
+    assert deviations_asked(run, 3.0) == pytest.approx(3.0 + 23.0 * 2e-3 / NOISE, rel=0.05)
     assert asked_next(run, turns[-1:]) == (None, [])
     assert asked_next(run, turns)[0] == turns[0]
     asked = []
     monkeypatch.setattr(bench_fits, "gap_of_lines", lambda run, significant: asked.append(significant))
     fit_with_gap(run)
-    assert asked == [far_enough(run, SIGNIFICANT)]
+    assert asked == [deviations_asked(run, SIGNIFICANT)]
     said = 200.0
     assert asked_next(run, turns[-1:])[0] == turns[-1], "clearly more"
     said, run.lines = 100.0, LINES[:1]
     assert asked_next(run, turns[-1:])[0] == turns[-1], "of one that they do not explain they are asked"
+
+
+def test_a_bench_that_was_found_without_lines_and_cannot_be_bettered_is_known_as_well(model, monkeypatch):
+    """Lines may be where all numbers together leave least already; what noise makes of both is told all the same."""
+    bench = bench_with(ambient=0.05)
+    run = run_with(model, photographed(model, bench), LINES)
+    run.bench, run.is_elsewhere = bench, True
+    run.view = run.on(bench)
+    monkeypatch.setattr(bench_fits, "_fit_with_numbers", lambda run, names: None)
+    fit_with_bench(run)
+    assert run.covariance is not None and run.counted is run.lines
+    assert run.bench.values["ambient"] == pytest.approx(0.05, abs=0.002)
+    assert len(run.covariance.matrix) == LINES.numel() + len(run.asked) + len(run.bench.field)
 
 
 def test_another_glass_is_found_by_its_colours_and_then_its_index(model):

@@ -194,6 +194,25 @@ def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image,
     assert len(asked) == 2 and bump.counters["explained_by"] == "network"
 
 
+@pytest.mark.parametrize("set_up", ["known", "estimate"])
+def test_light_and_lamp_of_a_bench_that_is_known_are_not_asked(monkeypatch, model, image, answering, set_up):
+    """Nor is light where a lens may have taken its place; the lens, which is the camera's, is."""
+    asked, asks_lens = [], lines_of_image.fit_through_lens
+
+    def lens(run):
+        asked.append("fit_through_lens")
+        asks_lens(run)
+
+    monkeypatch.setattr(lines_of_image, "fit_through_lens", lens)
+    for name in ("fit_through_lens_or_with_light", "fit_with_lamp", "fit_with_light", "fit_with_gap"):
+        monkeypatch.setattr(lines_of_image, name, lambda run, name=name: asked.append(name))
+    truth = model.heights(LINES).double().numpy()
+    wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
+    answering(wrong, refine=False, jumps=0, set_up=set_up).reconstruct(image)
+    on_any = {"fit_through_lens_or_with_light", "fit_with_lamp", "fit_with_light", "fit_with_gap"}
+    assert set(asked) == ({"fit_through_lens"} if set_up == "known" else on_any)
+
+
 @pytest.mark.parametrize("waves", [False, True])
 def test_lines_that_vary_along_their_way(monkeypatch, model, answering, waves):
     """Of a print whose lines are 4 % thicker and thinner, and 50 um aside, where the network's relief told the lines."""
