@@ -69,12 +69,12 @@ def collect(tree: dict[str, Any], run: Mapping[str, Any], weights: Mapping[str, 
         weights: hash of each network of :data:`MEASURED_WITH`.
 
     Raises:
-        SystemExit: a run whose images have another number of light paths than the suite's, or no device.
+        SystemExit: a run of other plates or another number of light paths than the suite's, or without a device.
     """
     about = run["about"]
-    if about["n_photons"] is not None or about["device"] is None:
+    if about["n_photons"] is not None or about.get("seed") is not None or about["device"] is None:
         raise SystemExit(
-            f"suite {about['suite']}: figures of --n-photons, or of heights that were given, are not stored"
+            f"suite {about['suite']}: figures of --n-photons or --seed, or of heights that were given, are not stored"
         )
     suite = tree["suites"].setdefault(about["suite"], {})
     rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}

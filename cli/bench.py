@@ -8,12 +8,13 @@ import rich_click as click
 
 from cli.cells import CellProgress, failure_reasons, worst_code
 from cli.console import Console
-from cli.options import device_option, integer, json_option
+from cli.options import device_option, integer, jobs_option, json_option
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from data_gen.suites.case import Case
+    from nets.evaluation.bench.runs import Run
 
 OUTPUTS = ("cells", "images", "table.json", "index.html")
 """All that a folder of a run or of scores holds."""
@@ -24,6 +25,12 @@ plates_option = click.option(
     "--fields", "plates", type=integer, metavar="N", help="The first N plates of each row only."
 )
 rows_option = click.option("--rows", metavar="A,B,...", default="", help="Rows of the suite only; see nsfc bench list.")
+seed_option = click.option(
+    "--seed",
+    type=integer,
+    metavar="N",
+    help="Other plates under the same differences: for what is tuned, which the suite's own then judge.",
+)
 photons_option = click.option(
     "--n-photons", type=integer, help="Light paths per wavelength of the images, in place of the suite's; fewer to try."
 )
@@ -62,7 +69,9 @@ def list_suites(suite: str | None, as_json: bool) -> None:
 @click.option("-o", "--output", type=click.Path(), required=True, help="Folder; one of an earlier run is continued.")
 @plates_option
 @rows_option
+@seed_option
 @photons_option
+@jobs_option
 @click.option("--force", is_flag=True, help="Compute all cells anew.")
 @device_option
 @json_option
@@ -72,7 +81,9 @@ def run(
     output: str,
     plates: int | None,
     rows: str,
+    seed: int | None,
     n_photons: int | None,
+    jobs: int,
     force: bool,
     device: str,
     as_json: bool,
@@ -83,36 +94,33 @@ def run(
     """
     from cli.output import checked_folder
     from nets.evaluation.method_spec import parse_methods
+    from nets.evaluation.processes import check_jobs, gpus_for
     from warp_caustics.io.journal import journal_path, only_writer
 
-    specs, cases = parse_methods(methods), _cases(suite, plates, rows)
+    specs, cases = parse_methods(methods), _cases(suite, plates, rows, seed)
     _check_photons(n_photons)
+    check_jobs(jobs)
+    gpus = gpus_for(device) if jobs > 1 else []
     console, device = Console(as_json), start_device(device)
+    from nets.evaluation.bench.runs import Run
     from nets.evaluation.run import check_methods
 
     console.warn(*check_methods(specs, cases[0].told, device))
     path, _ = checked_folder(output, lambda name: True)
     with only_writer(journal_path(path), path):
-        return _run(cases, list(specs), output, console, device, n_photons, force)
+        run = Run(list(specs), _claimed(output), device, n_photons, force, jobs, gpus)
+        return _run(cases, run, output, console, seed)
 
 
-def _run(
-    cases: "Sequence[Case]",
-    specs: Sequence[Any],
-    output: str,
-    console: Console,
-    device: str,
-    n_photons: int | None,
-    force: bool,
-) -> int:
+def _run(cases: "Sequence[Case]", run: "Run", output: str, console: Console, seed: int | None) -> int:
     """Fill the folder, which nobody else writes meanwhile; returns the exit code."""
     from nets.evaluation.bench.runs import run_suite
 
-    folder, progress = _claimed(output), CellProgress(console)
+    progress, folder = CellProgress(console), run.folder
+    if run.jobs > 1:
+        console.warn(f"{run.jobs} jobs share this machine, so times are longer than those of one")
     try:
-        records = run_suite(
-            cases, specs, folder, device, n_photons=n_photons, force=force, report=progress, warn=console.warn
-        )
+        records = run_suite(cases, run, report=progress, warn=console.warn)
     except KeyboardInterrupt:
         click.echo(
             f"interrupted; {progress.done} cells were computed and are kept, the same command continues", err=True
@@ -121,8 +129,9 @@ def _run(
     from cli.bench_report.about import about_run
     from cli.bench_report.pictures import RunPictures
 
-    about = about_run(cases, [spec.label for spec in specs], device, n_photons)
-    rows = _told(folder, records, about, console, RunPictures(cases, records, folder, device, n_photons))
+    about = about_run(cases, run, seed)
+    pictures = RunPictures(cases, records, folder, run.device, run.n_photons)
+    rows = _told(folder, records, about, console, pictures)
     failed = [record for record in records if record["status"] == "failed"]
     console.line(
         f"result     {output}: {len(records)} cells, {progress.done} computed now; see {folder / 'index.html'}"
@@ -215,10 +224,10 @@ def export(
     return 0
 
 
-def _cases(suite: str, plates: int | None, rows: str) -> "list[Case]":
+def _cases(suite: str, plates: int | None, rows: str, seed: int | None = None) -> "list[Case]":
     from data_gen.suites.suites import suite_cases
 
-    return suite_cases(suite, plates, tuple(filter(None, (row.strip() for row in rows.split(",")))))
+    return suite_cases(suite, plates, tuple(filter(None, (row.strip() for row in rows.split(",")))), seed)
 
 
 def _check_photons(n_photons: int | None) -> None:

@@ -9,7 +9,7 @@ import rich_click as click
 
 from cli.cells import CellProgress
 from cli.console import Console
-from cli.options import bench_option, config_options, device_option, integer, json_option, number
+from cli.options import bench_option, config_options, device_option, integer, jobs_option, json_option, number
 from cli.parts_progress import parts_progress
 from warp_caustics.device import start_device
 from warp_caustics.errors import EXIT_INTERRUPTED, InputError
@@ -49,7 +49,7 @@ OUTPUTS = ("cells", "images", "table.csv", "table.json", "summary.csv", "index.h
     type=integer,
     help="Light paths of simulated images, per wavelength. [default: data.clean.n_photons, or 16000000]",
 )
-@click.option("--jobs", type=integer, default=1, show_default=True, help="Processes; times are longer with several.")
+@jobs_option
 @click.option("--force", is_flag=True, help="Compute all cells anew.")
 @bench_option
 @device_option
@@ -80,6 +80,7 @@ def compare(
     from cli.config import load_config
     from cli.output import checked_folder
     from nets.evaluation.method_spec import parse_budgets, parse_methods
+    from nets.evaluation.processes import gpus_for
     from warp_caustics.io.journal import journal_path, only_writer
 
     specs, budgets = parse_methods(methods), parse_budgets(iterations)
@@ -87,6 +88,7 @@ def compare(
     photons = _photons(n_photons or config.data.clean.n_photons)
     _check_noise(noise)
     console = Console(as_json)
+    gpus = gpus_for(device) if jobs > 1 else []
     device = start_device(device)
     from nets.evaluation.run import check_methods
 
@@ -94,7 +96,7 @@ def compare(
     console.warn(*check_methods(specs, config.scene, device))
     path, _ = checked_folder(output, lambda name: True)
     with only_writer(journal_path(path), path):
-        job = _Comparison(sources, list(specs), budgets, config.scene, photons, noise, device, jobs, force)
+        job = _Comparison(sources, list(specs), budgets, config.scene, photons, noise, device, jobs, gpus, force)
         return _compared(job, output, console)
 
 
@@ -110,6 +112,7 @@ class _Comparison:
     noise: float
     device: str
     jobs: int
+    gpus: Sequence[str]
     force: bool
 
 
@@ -137,7 +140,7 @@ def _compared(job: _Comparison, output: str, console: Console) -> int:
     missing = {cell.key: cell for cell in cells if job.force or store.record(cell.key) is None}
     progress = CellProgress(console, list(missing.values()))
     try:
-        records = run_cells(setup, cells, jobs=job.jobs, force=job.force, report=progress)
+        records = run_cells(setup, cells, jobs=job.jobs, gpus=job.gpus, force=job.force, report=progress)
     except KeyboardInterrupt:
         click.echo(
             f"interrupted; {progress.done} cells were computed and are kept, the same command continues", err=True

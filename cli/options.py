@@ -150,6 +150,12 @@ def seed_option(command: Command) -> Command:
     return option(command)
 
 
+def jobs_option(command: Command) -> Command:
+    """Adds --jobs."""
+    text = "Processes; all GPUs take part unless --device names one. Times are longer with several."
+    return click.option("--jobs", type=integer, default=1, show_default=True, help=text)(command)
+
+
 def json_option(command: Command) -> Command:
     """Adds --json."""
     option = click.option("--json", "as_json", is_flag=True, help="Print one JSON record on stdout, nothing else.")

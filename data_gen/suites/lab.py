@@ -157,14 +157,15 @@ BENCHES: dict[str, LabBench] = {
 """By row."""
 
 
-def cases(count: int) -> list[Case]:
-    """The cases, bench by bench, with the first ``count`` plates of each."""
-    return [_case(row, bench, number) for row, bench in BENCHES.items() for number in range(count)]
+def cases(count: int, seed: int | None = None) -> list[Case]:
+    """The cases, bench by bench, with the first ``count`` plates of each; of another seed than the suite's if given."""
+    first = SEED if seed is None else seed
+    return [_case(row, bench, number, first) for row, bench in BENCHES.items() for number in range(count)]
 
 
-def _case(row: str, bench: LabBench, number: int) -> Case:
+def _case(row: str, bench: LabBench, number: int, first: int) -> Case:
     # A seed for each bench: five plates each, not the same five four times.
-    seed = SEED + 100 * list(BENCHES).index(row)
+    seed = first + 100 * list(BENCHES).index(row)
     return on_bench(row, Plate(bench_plates(seed, PLATES, KINDS[number], bench.told), number, bench.bow_m))
 
 

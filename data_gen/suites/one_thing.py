@@ -100,10 +100,11 @@ DIFFERENCES: dict[str, Difference] = {
 """By row."""
 
 
-def cases(count: int) -> list[Case]:
-    """The cases, row by row, with the first ``count`` plates of each."""
+def cases(count: int, seed: int | None = None) -> list[Case]:
+    """The cases, row by row, with the first ``count`` plates of each; of another seed than the suite's if given."""
+    chosen = SEED if seed is None else seed
     return [
-        one_case(row, difference, Plate(bench_plates(SEED, PLATES, difference.reliefs), number))
+        one_case(row, difference, Plate(bench_plates(chosen, PLATES, difference.reliefs), number))
         for row, difference in DIFFERENCES.items()
         for number in range(count)
     ]

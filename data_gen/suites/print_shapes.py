@@ -89,11 +89,11 @@ SHAPES: dict[str, Shape] = {
 """By row."""
 
 
-def cases(count: int) -> list[Case]:
-    """The cases, row by row, with the first ``count`` plates of each."""
+def cases(count: int, seed: int | None = None) -> list[Case]:
+    """The cases, row by row, with the first ``count`` plates of each; of another seed than the suite's if given."""
     found = []
     for row, shape in SHAPES.items():
-        config = bench_plates(SEED, PLATES, shape.reliefs)
+        config = bench_plates(SEED if seed is None else seed, PLATES, shape.reliefs)
         found += [
             Case("prints", row, shape.title, Plate(config, number), config.scene, config.scene)
             for number in range(count)

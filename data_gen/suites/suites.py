@@ -16,13 +16,13 @@ class Suite:
         name: as given to ``--suite``.
         about: one line.
         plates: of each row.
-        make: the cases with the first plates of each row.
+        make: the cases with the first plates of each row, of a seed or the suite's own.
     """
 
     name: str
     about: str
     plates: int
-    make: Callable[[int], list[Case]]
+    make: Callable[[int, int | None], list[Case]]
 
 
 SUITES = {
@@ -50,22 +50,27 @@ def find_suite(name: str) -> Suite:
     return SUITES[name]
 
 
-def suite_cases(name: str, plates: int | None = None, rows: tuple[str, ...] = ()) -> list[Case]:
+def suite_cases(
+    name: str, plates: int | None = None, rows: tuple[str, ...] = (), seed: int | None = None
+) -> list[Case]:
     """Cases of a suite, row by row.
 
     Args:
         name: of the suite.
         plates: the first of each row; all if None.
         rows: names of rows; all if empty.
+        seed: of other plates under the same differences, for what is tuned; the suite's own if None.
 
     Raises:
-        InputError: no such suite or row, or another number of plates than there are.
+        InputError: no such suite or row, another number of plates than there are, or a seed below 0.
     """
     suite = find_suite(name)
     count = suite.plates if plates is None else plates
     if not 1 <= count <= suite.plates:
         raise InputError(f"{count} plates of each row of {name}; there are {suite.plates}, give 1 to {suite.plates}")
-    cases = suite.make(count)
+    if seed is not None and not 0 <= seed < 2**62:
+        raise InputError(f"seed {seed} is not between 0 and 2^62")
+    cases = suite.make(count, seed)
     known = dict.fromkeys(case.row for case in cases)
     for row in rows:
         if row not in known:

@@ -95,7 +95,7 @@ def cell_key(
 
 
 class CellStore:
-    """Finished cells in a folder: ``KEY.json`` with scores, ``KEY.npz`` with heights; the first exists last."""
+    """Finished cells in a folder: ``KEY.json`` with scores, ``KEY.npz`` with the relief; the first exists last."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -114,9 +114,12 @@ class CellStore:
         arrays = read_arrays(self.folder / f"{key}.npz", ("heights_m",))
         return None if arrays is None else arrays["heights_m"]
 
-    def write(self, key: str, record: Mapping[str, Any], heights_m: FloatArray) -> None:
+    def write(self, key: str, record: Mapping[str, Any], result: Reconstruction) -> None:
         """Keep a finished cell."""
-        write_arrays(self.folder / f"{key}.npz", {"heights_m": heights_m.astype(np.float32)})
+        arrays = {"heights_m": result.heights_m.astype(np.float32)}
+        if result.uncertainty_m is not None:
+            arrays["uncertainty_m"] = result.uncertainty_m.astype(np.float32)
+        write_arrays(self.folder / f"{key}.npz", arrays)
         write_json(self.folder / f"{key}.json", record)
 
     def write_traceback(self, key: str, text: str) -> None:
@@ -162,7 +165,7 @@ class Bench:
             with meter:
                 result = reconstruct(spec, field, self.scene, self.device)
             record = self._record(cell, field, result, meter)
-            self.store.write(cell.key, record, result.heights_m)
+            self.store.write(cell.key, record, result)
         except Exception as error:
             return self._failure(cell, error, meter)
         return record
@@ -184,6 +187,7 @@ class Bench:
             "warnings": result.warnings,
             "timings_s": result.timings_s,
             "settings": result.settings,
+            "counters": result.counters,
             "history": [_slim(entry) for entry in result.history],
             "device": self.device,
             "created": time.strftime("%Y-%m-%dT%H:%M:%S%z"),

@@ -1,9 +1,6 @@
 """All cells of a comparison: what is missing is computed, here or in several processes."""
 
-import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,11 +9,9 @@ from data_gen.dataset_config import PhotonConfig
 from nets.evaluation.cells import Bench, Cell, CellStore, Scoring, cell_key, image_scores
 from nets.evaluation.fields import Field
 from nets.evaluation.method_spec import MethodSpec
+from nets.evaluation.processes import check_jobs, in_processes
 from warp_caustics.device import start_device
-from warp_caustics.errors import InputError, ResourceError
 from warp_caustics.scene import Scene
-
-MAX_JOBS = 64
 
 Report = Callable[[Cell, Mapping[str, Any]], None]
 """Called with every cell computed now, and its record."""
@@ -65,7 +60,13 @@ class Setup:
 
 
 def run_cells(
-    setup: Setup, cells: Sequence[Cell], *, jobs: int = 1, force: bool = False, report: Report | None = None
+    setup: Setup,
+    cells: Sequence[Cell],
+    *,
+    jobs: int = 1,
+    gpus: Sequence[str] = (),
+    force: bool = False,
+    report: Report | None = None,
 ) -> list[dict[str, Any]]:
     """Records of all cells, in their order; only those not yet on disk are computed.
 
@@ -73,6 +74,7 @@ def run_cells(
         setup: what they share.
         cells: what to compute.
         jobs: processes; times of several at once are longer.
+        gpus: that they take in turn (:func:`nets.evaluation.processes.gpus_for`).
         force: compute all anew.
         report: called after every cell computed.
 
@@ -81,13 +83,15 @@ def run_cells(
         ResourceError: a process was killed.
         KeyboardInterrupt: Ctrl-C; what is finished stays.
     """
-    if not 1 <= jobs <= MAX_JOBS:
-        raise InputError(f"{jobs} jobs; give 1 to {MAX_JOBS}")
+    check_jobs(jobs)
     kept = {cell.key: None if force else setup.store.record(cell.key) for cell in cells}
     # Equal cells (nothing to limit, say) are computed once.
     missing = list({cell.key: cell for cell in cells if kept[cell.key] is None}.values())
     records = {key: record for key, record in kept.items() if record is not None}
-    computed = _in_processes(setup, missing, jobs) if jobs > 1 and len(missing) > 1 else _here(setup, missing)
+    several = jobs > 1 and len(missing) > 1
+    computed = (
+        in_processes(missing, _work, partial(_start_worker, setup), jobs, gpus) if several else _here(setup, missing)
+    )
     for cell, record in computed:
         records[cell.key] = record
         if report is not None:
@@ -116,23 +120,3 @@ def _start_worker(setup: Setup) -> None:
 def _work(cell: Cell) -> dict[str, Any]:
     assert _bench is not None
     return _bench.run(cell)
-
-
-def _in_processes(setup: Setup, cells: Sequence[Cell], jobs: int) -> Iterator[tuple[Cell, dict[str, Any]]]:
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(jobs, len(cells)), context, partial(_start_worker, setup))
-    try:
-        futures = {pool.submit(_work, cell): cell for cell in cells}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-        pool.shutdown()
-    except BrokenProcessPool as error:
-        raise ResourceError(
-            "a process of the comparison was killed, perhaps for lack of memory; continue with fewer --jobs"
-        ) from error
-    except BaseException:
-        # Whoever stops a comparison does not want to wait for the cells that are running.
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise

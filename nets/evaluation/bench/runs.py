@@ -1,7 +1,8 @@
-"""Methods on the cases of a suite, row by row; what a folder holds already is not computed again."""
+"""Methods on the cases of a suite, row by row or in several processes; what a folder holds is not computed again."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from nets.evaluation.bench.scores import bench_scores
 from nets.evaluation.cells import Cell, CellStore
 from nets.evaluation.fields import Field
 from nets.evaluation.method_spec import CONVERGED, MethodSpec, Stage
+from nets.evaluation.processes import check_jobs, in_processes
 from nets.evaluation.schedule import Report, Setup, run_cells
+from warp_caustics.device import start_device
 from warp_caustics.scene import Scene
 
 COUNT_THE_BENCH, COUNTS_IT = ("auto", "direct", "fibres"), "bench_uncertainty"
@@ -24,14 +27,52 @@ FOLDERS = ("cells", "images")
 """Of a run: results, and images that methods got."""
 
 
+@dataclass(frozen=True)
+class Run:
+    """What all cases of a run share.
+
+    Attributes:
+        specs: methods; each runs until it stops by itself.
+        folder: exists; holds ``FOLDERS`` afterwards.
+        device: where to simulate and reconstruct.
+        n_photons: of images, in place of the suite's own; fewer to try.
+        force: compute all cells anew; images stay.
+        jobs: processes, a case at a time each; times of several at once are longer.
+        gpus: that they take in turn (:func:`nets.evaluation.processes.gpus_for`).
+    """
+
+    specs: Sequence[MethodSpec]
+    folder: Path
+    device: str
+    n_photons: int | None = None
+    force: bool = False
+    jobs: int = 1
+    gpus: Sequence[str] = ()
+
+    def light(self) -> Light:
+        """What simulates images."""
+        return Light(self.device, self.n_photons)
+
+
+@dataclass(frozen=True)
+class CaseRecords:
+    """What came of the cases of one row.
+
+    Attributes:
+        records: of all their cells.
+        computed: those of them that were not kept before, with their cells.
+        warnings: what reading photos had to say.
+    """
+
+    records: list[dict[str, Any]]
+    computed: list[tuple[Cell, Mapping[str, Any]]]
+    warnings: list[str]
+
+
 def run_suite(
     cases: Sequence[Case],
-    specs: Sequence[MethodSpec],
-    folder: Path,
-    device: str,
+    run: Run,
     *,
-    n_photons: int | None = None,
-    force: bool = False,
     report: Report | None = None,
     warn: Callable[[str], None] = lambda line: None,
 ) -> list[dict[str, Any]]:
@@ -39,48 +80,73 @@ def run_suite(
 
     Args:
         cases: of a suite, rows together.
-        specs: methods; each runs until it stops by itself.
-        folder: exists; holds ``FOLDERS`` afterwards.
-        device: where to simulate and reconstruct.
-        n_photons: of images, in place of the suite's own; fewer to try.
-        force: compute all cells anew; images stay.
+        run: what they share.
         report: called after every cell computed.
         warn: called with what reading a photo had to say.
 
     Raises:
+        InputError: no such number of processes.
+        ResourceError: a process was killed.
         KeyboardInterrupt: Ctrl-C; what is finished stays.
     """
+    check_jobs(run.jobs)
     for name in FOLDERS:
-        (folder / name).mkdir(exist_ok=True)
-    light, records = Light(device, n_photons), []
+        (run.folder / name).mkdir(exist_ok=True)
+    if run.jobs > 1 and len(cases) > 1:
+        found: dict[str, list[dict[str, Any]]] = {}
+        for case, done in in_processes(cases, _work, partial(_start_worker, run), run.jobs, run.gpus):
+            found[case.name] = done.records
+            _tell(done, report, warn)
+        return [record for case in cases for record in found[case.name]]
+    light, records = run.light(), []
     for _, row in groupby(cases, key=lambda case: case.row):
-        of_row = list(row)
-        fields = {case.name: case_field(case, light, folder / "images") for case in of_row}
-        for field in fields.values():
-            for line in field.warnings:
-                warn(f"{field.name}: {line}")
-        records += _row_records(of_row, fields, specs, folder, device, force, report)
+        done = _row_records(list(row), run, light, report)
+        _tell(done, None, warn)
+        records += done.records
     return records
 
 
-def _row_records(
-    cases: Sequence[Case],
-    fields: Mapping[str, Field],
-    specs: Sequence[MethodSpec],
-    folder: Path,
-    device: str,
-    force: bool,
-    report: Report | None,
-) -> list[dict[str, Any]]:
+def _tell(done: CaseRecords, report: Report | None, warn: Callable[[str], None]) -> None:
+    for line in done.warnings:
+        warn(line)
+    if report is not None:
+        for cell, record in done.computed:
+            report(cell, record)
+
+
+_worker: tuple[Run, Light] | None = None
+"""Of a process: what it was started for."""
+
+
+def _start_worker(run: Run) -> None:
+    global _worker
+    start_device(run.device)
+    _worker = run, run.light()
+
+
+def _work(case: Case) -> CaseRecords:
+    assert _worker is not None
+    return _row_records([case], *_worker, None)
+
+
+def _row_records(cases: Sequence[Case], run: Run, light: Light, report: Report | None) -> CaseRecords:
     """Of cases whose methods are told the same scene."""
+    fields = {case.name: case_field(case, light, run.folder / "images") for case in cases}
     (told,) = {case.told.model_dump_json(): case.told for case in cases}.values()
-    setup = _setup(fields, told, folder, device)
-    if all(case.is_bench_exact for case in cases):
-        specs = [on_exact_bench(spec) for spec in specs]
-    cells: list[Cell] = setup.cells(specs, (CONVERGED,))
+    setup = _setup(fields, told, run.folder, run.device)
+    is_exact = all(case.is_bench_exact for case in cases)
+    cells = setup.cells([on_exact_bench(spec) for spec in run.specs] if is_exact else run.specs, (CONVERGED,))
+    computed: list[tuple[Cell, Mapping[str, Any]]] = []
+
+    def done(cell: Cell, record: Mapping[str, Any]) -> None:
+        computed.append((cell, record))
+        if report is not None:
+            report(cell, record)
+
+    found = run_cells(setup, cells, force=run.force, report=done) if cells else []
     named = {case.name: {"row": case.row, "title": case.title} for case in cases}
-    found = run_cells(setup, cells, force=force, report=report) if cells else []
-    return [record | named[record["field"]] for record in found]
+    lines = [f"{field.name}: {line}" for field in fields.values() for line in field.warnings]
+    return CaseRecords([record | named[record["field"]] for record in found], computed, lines)
 
 
 def on_exact_bench(spec: MethodSpec) -> MethodSpec:
