@@ -50,7 +50,7 @@ def in_processes(
     count = min(jobs, len(items))
     pool = ProcessPoolExecutor(count, context, _begin, (context.Value("i", 0), tuple(gpus), count, start))
     try:
-        futures = {pool.submit(work, item): item for item in items}
+        futures = {pool.submit(_one, work, item): item for item in items}
         for future in as_completed(futures):
             yield futures[future], future.result()
         pool.shutdown()
@@ -62,6 +62,17 @@ def in_processes(
         for process in multiprocessing.active_children():
             process.terminate()
         raise
+
+
+def _one(work: Callable[[Item], Result], item: Item) -> Result:
+    import torch
+
+    try:
+        return work(item)
+    finally:
+        # What this process keeps for later, others of the same GPU lack now.
+        if torch.cuda.is_initialized():
+            torch.cuda.empty_cache()
 
 
 def gpus_for(device: str) -> list[str]:
