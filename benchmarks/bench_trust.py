@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from data_gen.suites.suites import suite_cases
 from nets.evaluation.bench.coverage import REGIONS, WITHIN
 from nets.evaluation.bench.detector import detection, is_wrong
 
@@ -20,6 +21,23 @@ TOLD = (
 """What is taken of a plate."""
 NOT_FLAT = ("bow-20", "bow", "base-wave")
 """Rows whose bases bend light by a thousandth where nobody says how flat they are: no image tells that."""
+
+
+OTHER_PARTS = ("gap-10um", "gap-100um", "base-30um", "base-100um", "no-dispersion")
+"""Rows of ``one-thing`` whose gap, base or glass is other than told."""
+
+
+def of_benches(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Mapping[str, Any]]]:
+    """Rows of ``one-thing`` with flat bases by what their bench is, which decides what can be stated."""
+    exact = {case.row for case in suite_cases("one-thing", 1) if case.is_bench_exact}
+    flat = {name: row for name, row in rows.items() if name not in NOT_FLAT}
+    return {
+        "bench as told": {name: row for name, row in flat.items() if name in exact},
+        "gap, base or glass other": {name: row for name, row in flat.items() if name in OTHER_PARTS},
+        "other, but gap, base and glass as told": {
+            name: row for name, row in flat.items() if name not in exact and name not in OTHER_PARTS
+        },
+    }
 
 
 def plates_of(rows: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -43,12 +61,17 @@ def shares(plates: Sequence[Mapping[str, Any]], region: str) -> tuple[float, flo
 
 
 def trust_table(suites: Mapping[str, Mapping[str, Any]], method: str) -> list[str]:
-    """Lines of the table in Markdown: each suite, all of them, and those whose base is flat (:data:`NOT_FLAT`)."""
+    """Lines of the table in Markdown: each suite, ``one-thing`` by its benches, all, and all but :data:`NOT_FLAT`."""
     rows = {suite: suites[suite].get(method, {}) for suite in suites}
     flat = [{name: row for name, row in some.items() if name not in NOT_FLAT} for some in rows.values()]
     by_suite = {f"`{suite}`": list(plates_of(some)) for suite, some in rows.items()}
     by_suite = {suite: plates for suite, plates in by_suite.items() if plates}
-    by_suite["all"] = [plate for plates in by_suite.values() for plate in plates]
+    whole = [plate for plates in by_suite.values() for plate in plates]
+    by_suite |= {
+        f"`one-thing`, {title}": list(plates_of(some)) for title, some in of_benches(rows.get("one-thing", {})).items()
+    }
+    by_suite = {name: plates for name, plates in by_suite.items() if plates}
+    by_suite["all"] = whole
     by_suite["all, flat bases"] = [plate for some in flat for plate in plates_of(some)]
     head = ["suite", "plates", *TITLES.values(), "wrong", "by their form", "flagged", "good, flagged"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bench import FIGURES, PAGE, SINCE, collect, method_cells, stored, table, titles, with_tables
-from benchmarks.bench_trust import trust_table
+from benchmarks.bench_trust import NOT_FLAT, OTHER_PARTS, of_benches, trust_table
 from data_gen.suites.suites import SUITES, suite_cases
 from nets.evaluation.bench.coverage import REGIONS, WITHIN
 
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 WEIGHTS = {"direct": "", "direct-family": ""}
 
 
-def run(device="cpu", n_photons=None, plates=2, **others):
+def run(device="cpu", n_photons=None, seed=None, plates=2, **others):
     scores = {"rmse_um": 12.34567, "rmse_aligned_um": 11.0, "slope_error": 0.1, "within_one": 0.5, "within_two": 0.9}
     row = {
         "row": "careful",
@@ -28,7 +28,7 @@ def run(device="cpu", n_photons=None, plates=2, **others):
         "reason": None,
     }
     row |= scores | {"flat_um": 300.0} | others
-    about = {"suite": "lab", "device": device, "n_photons": n_photons, "code": "c" * 64}
+    about = {"suite": "lab", "device": device, "n_photons": n_photons, "seed": seed, "code": "c" * 64}
     return {"about": about, "rows": [row | {"case": f"careful_{k}"} for k in range(plates)]}
 
 
@@ -89,7 +89,7 @@ def test_rows_of_more_plates_stay():
 
 
 def test_trials_and_given_heights_are_not_stored():
-    for wrong in (run(n_photons=1000), run(device=None)):
+    for wrong in (run(n_photons=1000), run(seed=7), run(device=None)):
         with pytest.raises(SystemExit, match="are not stored"):
             collect({"suites": {}}, wrong, {})
 
@@ -135,3 +135,12 @@ def test_the_table_of_trust_counts_plates_by_region():
     with_bow = trust_table(tree["suites"], "direct")
     assert with_bow[3].startswith("| all | 4 |") and with_bow[4] == lines[4]
     assert trust_table({}, "direct")[-2] == "| all | 0 | - | - | - | - | 0 | 0 | - | 0 of 0 |"
+
+
+def test_every_row_with_a_flat_base_has_one_kind_of_bench():
+    rows = {case.row: {} for case in suite_cases("one-thing", 1)}
+    kinds = of_benches(rows)
+    assert sorted(name for some in kinds.values() for name in some) == sorted(set(rows) - set(NOT_FLAT))
+    assert set(kinds["gap, base or glass other"]) == set(OTHER_PARTS)
+    assert {"nothing", "blur-2", "meanders"} <= set(kinds["bench as told"])
+    assert {"lamp-1m", "scale-1", "fresnel"} <= set(kinds["other, but gap, base and glass as told"])

@@ -214,3 +214,37 @@ def test_an_unknown_suite_and_a_foreign_folder(lab, tmp_path, capsys):
     (tmp_path / "own.txt").write_text("mine")
     assert run(tmp_path) == 3
     assert "holds other files (own.txt)" in capsys.readouterr().err
+
+
+def test_plates_of_another_seed(tmp_path, lab, capsys):
+    assert run(tmp_path / "own") == 0 and run(tmp_path / "other", "--seed", "7") == 0
+    own, other = (json.loads((tmp_path / name / "table.json").read_text()) for name in ("own", "other"))
+    assert (own["about"]["seed"], other["about"]["seed"], other["about"]["jobs"]) == (None, 7, 1)
+    assert own["rows"][0]["flat_um"] != other["rows"][0]["flat_um"]
+    assert [row["title"] for row in own["rows"]] == [row["title"] for row in other["rows"]]
+    assert "Plates of seed 7 instead of the suite's own" in (tmp_path / "other" / "index.html").read_text()
+    assert "Plates of seed" not in (tmp_path / "own" / "index.html").read_text()
+    capsys.readouterr()
+    assert run(tmp_path / "wrong", "--seed", "-1") == 3
+    assert "seed -1 is not between 0 and 2^62" in capsys.readouterr().err
+
+
+def test_several_processes_find_the_same(tmp_path, capsys):
+    """And what they computed is kept: the same command computes nothing anew."""
+    assert run(tmp_path / "one", methods="flat") == 0
+    assert run(tmp_path / "two", "--jobs", "2", methods="flat") == 0
+    assert "2 jobs share this machine" in capsys.readouterr().err
+    one, two = (json.loads((tmp_path / name / "table.json").read_text())["rows"] for name in ("one", "two"))
+    assert [row | {"time_s": 0} for row in one] == [row | {"time_s": 0} for row in two]
+    assert run(tmp_path / "two", methods="flat") == 0
+    assert "2 cells, 0 computed now" in capsys.readouterr().out
+    assert run(tmp_path / "two", "--jobs", "0", methods="flat") == 3
+    assert "0 jobs; give 1 to 64" in capsys.readouterr().err
+
+
+def test_cells_keep_what_a_result_states(tmp_path, lab):
+    assert run(tmp_path / "out") == 0
+    for path in (tmp_path / "out" / "cells").glob("*.npz"):
+        with np.load(path) as file:
+            assert set(file) == {"heights_m", "uncertainty_m"} and np.all(file["uncertainty_m"] == np.float32(1e-4))
+        assert json.loads(path.with_suffix(".json").read_text())["counters"] == {"doubt": {"is_doubtful": False}}

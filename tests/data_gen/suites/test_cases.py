@@ -221,3 +221,17 @@ def test_methods_are_told_which_benches_are_exactly_as_told():
     assert all(exact[row] for row in ("nothing", "blur-2", "apart-0.3", "ambient-3", "ellipse", "bow-20", "rings"))
     others = ("gap-10um", "base-30um", "no-dispersion", "lamp-1m", "tilt-0.2deg", "shift-0.25", "scale-0.2", "fresnel")
     assert not any(exact[row] for row in others)
+
+
+@pytest.mark.parametrize("suite", list(SUITES))
+def test_plates_of_another_seed(suite):
+    """Under the same differences; none is one of the suite's own, and each seed has its own."""
+    own, other, third = suite_cases(suite, 1), suite_cases(suite, 1, seed=7), suite_cases(suite, 1, seed=8)
+    assert [case.name for case in own] == [case.name for case in other]
+    plates = [{case.plate.fingerprint for case in cases} for cases in (own, other, third)]
+    assert not plates[0] & plates[1] and not plates[1] & plates[2]
+    assert [case.is_bench_exact for case in own] == [case.is_bench_exact for case in other]
+    for case, same in zip(own, other, strict=True):
+        assert case.told == same.told and case.plate.config.reliefs == same.plate.config.reliefs
+    with pytest.raises(InputError, match="seed -1 is not between"):
+        suite_cases(suite, 1, seed=-1)
