@@ -1,6 +1,7 @@
 """Are results right that say so, and wrong ones found out? Coverage and warnings of a method on benches of a seed.
 
     python -m benchmarks.trusted [--method direct] [--seed 990301] [--device cpu] [--json FILE] [--rows ROW:COUNT ...]
+        [--jobs 1]
     python -m benchmarks.trusted --read FILE
 
 Plates and benches that nothing was fitted to: random benches of ``configs/benches`` (``careful``, ``ordinary``,
@@ -15,6 +16,7 @@ import argparse
 import json
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +31,12 @@ from data_gen.suites.light import Light
 from data_gen.suites.one_thing import DIFFERENCES, one_case
 from data_gen.suites.shot import measured
 from nets.evaluation.bench.detector import is_wrong
+from nets.evaluation.processes import check_jobs, gpus_for, in_processes
 from nets.reconstruct.methods import create
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION, FAMILY_CALIBRATION
 from nets.reconstruct.with_bench import FLATNESS
 from warp_caustics.found_bench.bench_uncertainty import bench_uncertainty
-from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.base import CausticImage, Reconstruction, Reconstructor
 from warp_caustics.reconstruct.rest import local_relief
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
@@ -51,6 +54,11 @@ LEAST_RELIEF_M = 3e-6
 
 def plates(row: str, count: int, seed: int, device: str) -> Iterator[tuple[CausticImage, FloatArray]]:
     """Images of a row with their true heights [m], shape [n, n]."""
+    return (plate(row, number, seed, device) for number in range(count))
+
+
+def plate(row: str, number: int, seed: int, device: str) -> tuple[CausticImage, FloatArray]:
+    """One of them."""
     if row in RANDOM:
         ranges = yaml.safe_load((ROOT / "configs" / "benches" / f"{row}.yaml").read_text(encoding="utf-8"))
         config = DatasetConfig(
@@ -60,16 +68,12 @@ def plates(row: str, count: int, seed: int, device: str) -> Iterator[tuple[Caust
             clean=PhotonConfig(n_photons=4_194_304),
             bench=BenchRanges.model_validate(ranges["data"]["bench"]),
         )
-        sampler = CaptureSampler(config, device)
-        for number in range(count):
-            arrays = sampler.draw([number]).arrays
-            yield CausticImage(arrays["image"][0].astype(np.float32)), arrays["heights"][0].astype(np.float64)
-        return
-    light, difference = Light(device, PHOTONS), DIFFERENCES[row]
-    first = 50 * sorted(DIFFERENCES).index(row)
-    for number in range(first, first + count):
-        shot = measured(one_case(row, difference, Plate(bench_plates(seed, 10_000, difference.reliefs), number)), light)
-        yield shot.image, shot.heights_m
+        arrays = CaptureSampler(config, device).draw([number]).arrays
+        return CausticImage(arrays["image"][0].astype(np.float32)), arrays["heights"][0].astype(np.float64)
+    difference = DIFFERENCES[row]
+    printed = Plate(bench_plates(seed, 10_000, difference.reliefs), number + 50 * sorted(DIFFERENCES).index(row))
+    shot = measured(one_case(row, difference, printed), Light(device, PHOTONS))
+    return shot.image, shot.heights_m
 
 
 def spread_alone(result: Reconstruction, scene: Scene) -> FloatArray | None:
@@ -181,6 +185,30 @@ def constants() -> dict[str, dict[str, float]]:
     return {file: {"scale": c.scale, "floor_um": 1e6 * c.floor_m, "shared": c.shared} for file, c in of.items()}
 
 
+_begun: tuple[Reconstructor, int, str] | None = None
+"""Of a process: the method, the seed, and the device."""
+
+
+def begin(method: str, seed: int, device: str) -> None:
+    """Make the method, once in each process."""
+    global _begun
+    _begun = create(method, Scene(), device=device), seed, device
+
+
+def work(item: tuple[str, int]) -> dict[str, Any]:
+    """Figures of one plate, by row and number."""
+    assert _begun is not None
+    method, seed, device = _begun
+    image, truth = plate(*item, seed, device)
+    started = time.perf_counter()
+    result = method.reconstruct(image)
+    return measured_row(*item, result, truth, Scene()) | {"seconds": time.perf_counter() - started}
+
+
+def _place(row: dict[str, Any], wanted: Sequence[tuple[str, int]]) -> int:
+    return wanted.index((row["row"], row["plate"]))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--method", default="direct", choices=("direct", "fibres", "auto"))
@@ -188,23 +216,28 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--rows", nargs="+", default=ROWS, metavar="ROW:COUNT")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--jobs", type=int, default=1, help="processes, which take all GPUs in turn")
     parser.add_argument("--read", type=Path, help="figures of an earlier run, to be summed up again")
     arguments = parser.parse_args()
     if arguments.read:
         print("\n".join(summary(json.loads(arguments.read.read_text())["rows"])))
         return
-    scene, rows = Scene(), []
-    method = create(arguments.method, scene, device=arguments.device)
-    for name, _, count in (row.partition(":") for row in arguments.rows):
-        for number, (image, truth) in enumerate(plates(name, int(count), arguments.seed, arguments.device)):
-            started = time.perf_counter()
-            result = method.reconstruct(image)
-            rows.append(measured_row(name, number, result, truth, scene) | {"seconds": time.perf_counter() - started})
-            print(json.dumps(rows[-1]), flush=True)
-            if arguments.json:
-                told = {"method": arguments.method, "seed": arguments.seed, "device": arguments.device}
-                found = told | {"constants": constants(), "rows": rows}
-                arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    check_jobs(arguments.jobs)
+    rows = []
+    wanted = [(name, k) for name, _, count in (row.partition(":") for row in arguments.rows) for k in range(int(count))]
+    start = partial(begin, arguments.method, arguments.seed, arguments.device)
+    if arguments.jobs > 1:
+        found = in_processes(wanted, work, start, arguments.jobs, gpus_for(arguments.device))
+    else:
+        start()
+        found = ((item, work(item)) for item in wanted)
+    for _, row in found:
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+        if arguments.json:
+            told = {"method": arguments.method, "seed": arguments.seed, "device": arguments.device}
+            everything = told | {"constants": constants(), "rows": sorted(rows, key=lambda row: _place(row, wanted))}
+            arguments.json.write_text(json.dumps(everything, indent=1) + "\n")
     print("\n".join(summary(rows)))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import trusted
 from benchmarks.trusted import constants, is_result_wrong, plates, spread_alone, summary
 from nets.reconstruct.with_bench import with_bench
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -33,6 +34,34 @@ def test_the_spread_alone_is_what_was_before_the_bench_and_its_base():
     whole = with_bench(found, BenchNumbers.of(scene))
     assert whole.uncertainty_m.max() > 2e-6
     np.testing.assert_allclose(spread_alone(whole, scene), 1e-6, rtol=1e-6)
+
+
+def test_a_process_measures_the_plate_it_is_given(monkeypatch):
+    """Of a row and a number, by the method that it began with."""
+    scene, heights = Scene(), np.full((128, 128), 1e-4)
+    counters = {
+        "rest": {"of_contrast": 0.0, "ratio": 0.5, "causes": []},
+        "doubt": {"is_doubtful": False, "times": 1.0},
+        "uncertainty": {"numbers": {}, "care": {"times": 1.0}},
+    }
+    settings = {"network": {"file": "direct.safetensors"}}
+
+    class Method:
+        def reconstruct(self, image):
+            return Reconstruction(
+                "direct", heights, image, 0.1, "converged", uncertainty_m=heights / 50, counters=counters,
+                settings=settings,
+            )  # fmt: skip
+
+    asked = []
+    monkeypatch.setattr(trusted, "create", lambda name, told, device: asked.append((name, told, device)) or Method())
+    monkeypatch.setattr(trusted, "plate", lambda *what: asked.append(what) or (np.zeros((3, 8, 8)), heights + 3e-6))
+    trusted.begin("auto", 7, "cpu")
+    found = trusted.work(("careful", 3))
+    assert asked == [("auto", scene, "cpu"), ("careful", 3, 7, "cpu")]
+    assert (found["row"], found["plate"], found["within"]) == ("careful", 3, [0.0, 1.0])
+    assert found["rmse_um"] == pytest.approx(3) and found["uncertainty_um"] == pytest.approx(2)
+    assert found["seconds"] >= 0
 
 
 def test_wrong_is_three_times_what_is_stated():
