@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from data_gen.suites.case import Case
 from data_gen.suites.suites import suite_cases
 from nets.evaluation.bench.coverage import REGIONS, WITHIN
 from nets.evaluation.bench.detector import detection, is_wrong
@@ -23,21 +24,25 @@ NOT_FLAT = ("bow-20", "bow", "base-wave")
 """Rows whose bases bend light by a thousandth where nobody says how flat they are: no image tells that."""
 
 
-OTHER_PARTS = ("gap-10um", "gap-100um", "base-30um", "base-100um", "no-dispersion")
-"""Rows of ``one-thing`` whose gap, base or glass is other than told."""
+def bends_light_as_told(case: Case) -> bool:
+    """Whether gap, base and glass of a case are those that methods are told."""
+    parts = [(each.base_thickness_m, each.screen_position_m[2], each.glass_indices) for each in (case.scene, case.told)]
+    return parts[0] == parts[1]
 
 
 def of_benches(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Mapping[str, Any]]]:
     """Rows of ``one-thing`` with flat bases by what their bench is, which decides what can be stated."""
-    exact = {case.row for case in suite_cases("one-thing", 1) if case.is_bench_exact}
-    flat = {name: row for name, row in rows.items() if name not in NOT_FLAT}
-    return {
-        "bench as told": {name: row for name, row in flat.items() if name in exact},
-        "gap, base or glass other": {name: row for name, row in flat.items() if name in OTHER_PARTS},
-        "other, but gap, base and glass as told": {
-            name: row for name, row in flat.items() if name not in exact and name not in OTHER_PARTS
-        },
+    found: dict[str, dict[str, Mapping[str, Any]]] = {
+        "bench as told": {},
+        "gap, base or glass other": {},
+        "other, but gap, base and glass as told": {},
     }
+    exact, parts, rest = found.values()
+    for case in suite_cases("one-thing", 1):
+        if case.row in rows and case.row not in NOT_FLAT:
+            kind = exact if case.is_bench_exact else rest if bends_light_as_told(case) else parts
+            kind[case.row] = rows[case.row]
+    return found
 
 
 def plates_of(rows: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
+from warp_caustics.child_process import leave_ctrl_c_to_parent
 from warp_caustics.errors import InputError, ResourceError
 
 MAX_JOBS = 64
@@ -94,6 +95,7 @@ def gpus_for(device: str) -> list[str]:
 
 
 def _begin(taken: Any, gpus: Sequence[str], count: int, start: Callable[[], None]) -> None:
+    leave_ctrl_c_to_parent()
     with taken.get_lock():
         number, taken.value = taken.value, taken.value + 1
     if gpus:
