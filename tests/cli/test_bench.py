@@ -222,7 +222,7 @@ def test_plates_of_another_seed(tmp_path, lab, capsys):
     assert (own["about"]["seed"], other["about"]["seed"], other["about"]["jobs"]) == (None, 7, 1)
     assert own["rows"][0]["flat_um"] != other["rows"][0]["flat_um"]
     assert [row["title"] for row in own["rows"]] == [row["title"] for row in other["rows"]]
-    assert "Plates of seed 7 instead of the suite's own" in (tmp_path / "other" / "index.html").read_text()
+    assert ". Plates of seed 7 instead of the suite's own" in (tmp_path / "other" / "index.html").read_text()
     assert "Plates of seed" not in (tmp_path / "own" / "index.html").read_text()
     capsys.readouterr()
     assert run(tmp_path / "wrong", "--seed", "-1") == 3
