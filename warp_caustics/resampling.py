@@ -47,7 +47,9 @@ def spline_kernel(blur: torch.Tensor, reach: int) -> torch.Tensor:
         reach: where it is cut [px], see :func:`spline_reach`.
     """
     omega = _frequencies(blur)
-    return _kernel(torch.exp(-0.5 * (blur[..., None] * omega) ** 2) * filter_transfer(omega), omega, reach)
+    kernel = torch.exp(-0.5 * (blur[..., None] * omega) ** 2) * filter_transfer(omega)
+    # The splines' own filter has come to its end there.
+    return _kernel(kernel, omega, reach, last=torch.where(blur > 0, 0.5, 1.0).to(blur.dtype))
 
 
 def _frequencies(like: torch.Tensor) -> torch.Tensor:
@@ -55,10 +57,22 @@ def _frequencies(like: torch.Tensor) -> torch.Tensor:
     return (torch.arange(FREQUENCIES, device=like.device) + 0.5).to(like.dtype) * (math.pi / FREQUENCIES)
 
 
-def _kernel(transfer: torch.Tensor, omega: torch.Tensor, reach: int) -> torch.Tensor:
-    """Of a transfer function [..., FREQUENCIES], cut at ``reach`` and brought to a sum of 1."""
+def _kernel(transfer: torch.Tensor, omega: torch.Tensor, reach: int, last: torch.Tensor | None = None) -> torch.Tensor:
+    """Of a transfer function [..., FREQUENCIES], cut at ``reach`` and brought to a sum of 1.
+
+    Args:
+        transfer: at frequencies ``omega`` [1/px].
+        omega: of :func:`_frequencies`.
+        reach: where it is cut [px].
+        last: share of the last value at either end that is kept, shape [...]; None for all of it. A kernel that rings
+            on changes its sign from pixel to pixel, so that what is cut off sums up to half of its last value, with
+            the other sign. Left in, that raises all but even light when the sum is brought to 1, by 0.3 % for a blur
+            of 0.5 px that is cut after 17.
+    """
     offset = torch.arange(-reach, reach + 1, device=omega.device)
     kernel = transfer @ torch.cos(omega[:, None] * offset) / FREQUENCIES
+    if last is not None:
+        kernel = torch.where(offset.abs() == reach, last[..., None] * kernel, kernel)
     return kernel / kernel.sum(dim=-1, keepdim=True)
 
 
@@ -168,7 +182,13 @@ def blur_matrix(pixels: int, blur: float) -> torch.Tensor:
     """
     if blur == 0:
         return torch.eye(pixels, dtype=torch.float64)
-    return mirrored_rows(gaussian_kernel(torch.tensor(blur, dtype=torch.float64), blur_reach(blur)), pixels)
+    # A picture that is mirrored at its borders has a period of 2 m. A kernel that is cut instead, while it still rings,
+    # and brought to a sum of 1, raises all but even light by its missing tail: by 0.6 % for a blur of 0.35 px that is
+    # cut after 4, which looks like 0.4 % of stray light.
+    omega = torch.arange(pixels + 1, dtype=torch.float64) * (math.pi / pixels)
+    ring = torch.fft.irfft(torch.exp(-0.5 * (blur * omega) ** 2).to(torch.complex128), 2 * pixels)
+    row, column = torch.arange(pixels)[:, None], torch.arange(pixels)
+    return ring[(row - column) % (2 * pixels)] + ring[row + column + 1]
 
 
 def mirrored_rows(kernel: torch.Tensor, pixels: int) -> torch.Tensor:

@@ -11,13 +11,14 @@ from functools import partial
 
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import SLANTS, Bench, bench_record, seen_on
+from nets.reconstruct.fibres.bench.bench_and_light import SLANTS, Bench, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.camera_of_lines import with_spread_of
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance, height_deviation
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.trust.beliefs import as_stated
+from nets.reconstruct.fibres.trust.stated_bench import stated_bench, stated_record
 from nets.reconstruct.losses_of_light import effects_of, with_losses
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -66,7 +67,7 @@ class OnBench:
     @property
     def record(self) -> FoundBench:
         """What was found, number by number."""
-        return bench_record(self.numbers, self.bench)
+        return stated_record(self.numbers, self.bench)
 
 
 def bench_of_design(
@@ -110,7 +111,12 @@ def bench_of_design(
         best = OnBench(lines, view, at, numbers, together.covariance(lines, at), together.numbers.names)
         if is_done:
             break
-    return best
+    if best is None:
+        return None
+    every = BenchOfLines(
+        best.numbers, told.image, told.model, usual_pixels(told.scene), best.view.camera, report=report
+    )
+    return dataclasses.replace(best, bench=stated_bench(every, best.lines, best.view, best.bench))
 
 
 def _misfit(image: CausticImage, lines: torch.Tensor, told: LinesView, camera: ChannelCamera, scene: Scene) -> float:

@@ -10,6 +10,7 @@ from data_gen.samples import Reliefs
 from warp_caustics import CausticSimulator, Scene
 from warp_caustics.camera.spline_pixels import filter_matrix, pixel_matrix
 from warp_caustics.resampling import (
+    blur_matrix,
     gaussian_kernel,
     regridded,
     regridding_matrix,
@@ -105,6 +106,29 @@ def test_the_blur_has_the_width_it_says(blur):
     assert float((kernel * torch.cos(omega * offset)).sum()) == pytest.approx(
         np.exp(-0.5 * (blur * omega) ** 2), abs=3e-3
     )
+
+
+@pytest.mark.parametrize("blur", [0.2, 0.35, 0.5, 0.7, 2.0])
+def test_waves_of_a_mirrored_picture_lose_what_the_transfer_function_says(blur):
+    """Cosines of half periods are what a blur that is mirrored at the border only weakens."""
+    pixels, double = 48, {"dtype": torch.float64}
+    half_periods = torch.arange(pixels, **double)
+    waves = torch.cos(np.pi / pixels * half_periods * (torch.arange(pixels, **double)[:, None] + 0.5))
+    expected = waves * torch.exp(-0.5 * (blur * np.pi / pixels * half_periods) ** 2)
+    torch.testing.assert_close(blur_matrix(pixels, blur) @ waves, expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("blur", [0.2, 0.35, 0.5, 0.7, 1.0])
+def test_contrast_of_blurred_waves_does_not_depend_on_where_the_kernel_is_cut(blur):
+    """Kernels within the pixels' band ring on; 0.3 % of contrast look like 0.3 % less or more stray light."""
+    pixels, no, double = 160, torch.zeros((), dtype=torch.float64), {"dtype": torch.float64}
+    wave = torch.cos(2 * np.pi * torch.arange(pixels, **double) / 12).expand(pixels, pixels)
+    for reach in (spline_reach(blur), spline_reach(blur) + 1):
+        found = resampled(wave, torch.zeros(2, **double), no, torch.tensor(blur, **double), reach)
+        expected = np.exp(-0.5 * (2 * np.pi / 12 * blur) ** 2)
+        assert float((found[80, 36:124] * wave[80, 36:124]).mean() / (wave[80, 36:124] ** 2).mean()) == pytest.approx(
+            expected, rel=5e-4
+        )
 
 
 def test_blur_is_that_of_scipy():

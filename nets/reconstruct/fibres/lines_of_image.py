@@ -38,6 +38,7 @@ from nets.reconstruct.fibres.shapes.curves_of_image import (
     share_that_meet,
 )
 from nets.reconstruct.fibres.shapes.waves import WavyLines, waves_of
+from nets.reconstruct.fibres.trust.stated_bench import stated_bench
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -141,6 +142,8 @@ class LinesOfImage:
             if self.covariance is not None and self.counted is not self.lines:
                 self.covariance = self.together(self.asked).covariance(self.lines, self.bench)
                 self.counted = self.lines
+            if self.covariance is not None:
+                self.bench = stated_bench(self.together(), self.lines, self.view, self.bench)
             if len(self.lines) and self.method.options.waves:
                 self._fit_with_waves()
         except KeyboardInterrupt as stop:

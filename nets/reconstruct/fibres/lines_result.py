@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, as_measured, bench_record, bench_warnings
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, as_measured, bench_warnings
 from nets.reconstruct.fibres.bench.less_believed import CLEAN
 from nets.reconstruct.fibres.bench.line_posterior import (
     JointCovariance,
@@ -29,6 +29,7 @@ from nets.reconstruct.fibres.trust.beliefs import (
     left_open_by_unclear_bench,
     times_less_known,
 )
+from nets.reconstruct.fibres.trust.stated_bench import stated_record
 from nets.reconstruct.fibres.trust.uncertainty import BARE_M, calibration_of, of_lines
 from nets.reconstruct.losses_of_light import effects_of
 from nets.reconstruct.network_io import network_result
@@ -111,7 +112,7 @@ def result_of(run: Run) -> Reconstruction:
                 f"the image looks as lit by a lamp of half angle {math.degrees(angle):.2g} degrees; it is counted"
             )
     if view is not run.told and not run.bench.is_told(run.numbers):
-        record = bench_record(run.numbers, run.bench)
+        record = stated_record(run.numbers, run.bench)
         counters["bench"] = record.record | {
             "light": run.bench.field.tolist(),
             "uneven": run.bench.uneven(view.scene.image_pixels),

@@ -136,7 +136,7 @@ def test_a_sampled_gaussian_is_found(fine):
     shown = sampled(fine, 0.5)
     found = found_in(shown, fine, 0.4)
     assert off(found(fine, PIXELS), shown) < 3e-3
-    assert off(blurred(binned(fine), blur_matrices(PIXELS, np.full(3, 0.4), "cpu")), shown) > 1e-2
+    assert off(blurred(binned(fine), blur_matrices(PIXELS, np.full(3, 0.4), "cpu")), shown) > 8e-3
 
 
 @pytest.mark.parametrize("blur_px", [0.7, 2.0])
