@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.bench_numbers import numbers_of, numbers_table
 from benchmarks.bench_trust import trust_table
 from benchmarks.of_weights import shipped
 from data_gen.suites.suites import SUITES, suite_cases
@@ -47,7 +48,7 @@ MEASURED_WITH = ("direct", "direct-family")
 
 
 TRUSTED = "fibres"
-"""Method of the table of what is stated."""
+"""Method of the tables of what is stated."""
 WITH_NETWORKS = ("direct", "fibres")
 """Methods whose figures are theirs; of a row that was measured with earlier ones a star tells."""
 
@@ -86,10 +87,12 @@ def collect(tree: dict[str, Any], run: Mapping[str, Any], weights: Mapping[str, 
         done = [row for row in found if row["status"] == "done"]
         reasons = sorted({row["reason"] for row in found if row["status"] != "done"})
         figures = {key: [_rounded(row.get(key)) for row in done] for key in FIGURES}
+        told = [row for row in run.get("numbers", ()) if (row["method"], row["row"]) == (method, name)]
         suite.setdefault(method, {})[name] = {
             "plates": [int(row["case"].rpartition("_")[2]) for row in found],
             "done": len(done),
             **figures,
+            "numbers": numbers_of(told),
             "reasons": reasons,
             "device": about["device"],
             "code": about["code"][:12],
@@ -168,7 +171,8 @@ def with_tables(text: str, tree: Mapping[str, Any]) -> str:
     """The page with every table between its marks as stored."""
     for suite in SUITES:
         text = with_lines(text, f"table {suite}", table(tree, suite))
-    return with_lines(text, "trust", trust_table(tree["suites"], TRUSTED))
+    text = with_lines(text, "trust", trust_table(tree["suites"], TRUSTED))
+    return with_lines(text, "numbers", numbers_table(tree["suites"], TRUSTED))
 
 
 def with_lines(text: str, mark: str, lines: Sequence[str]) -> str:

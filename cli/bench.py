@@ -131,7 +131,7 @@ def _run(cases: "Sequence[Case]", run: "Run", output: str, console: Console, see
 
     about = about_run(cases, run, seed)
     pictures = RunPictures(cases, records, folder, run.device, run.n_photons)
-    rows = _told(folder, records, about, console, pictures)
+    rows = _told(folder, cases, records, about, console, pictures)
     failed = [record for record in records if record["status"] == "failed"]
     console.line(
         f"result     {output}: {len(records)} cells, {progress.done} computed now; see {folder / 'index.html'}"
@@ -171,7 +171,7 @@ def score(folder: str, suite: str, output: str | None, name: str, plates: int | 
     if output is None:
         table = _lines(records, console)
     else:
-        table = _told(_claimed(output), records, about, console, None)
+        table = _told(_claimed(output), cases, records, about, console, None)
         console.line(f"result     {output}")
     console.record({"folder": folder, "suite": suite, "rows": table})
 
@@ -256,15 +256,27 @@ def _lines(records: Sequence[Mapping[str, Any]], console: Console) -> list[dict[
 
 
 def _told(
-    folder: Path, records: Sequence[Mapping[str, Any]], about: Mapping[str, Any], console: Console, pictures: Any
+    folder: Path,
+    cases: "Sequence[Case]",
+    records: Sequence[Mapping[str, Any]],
+    about: Mapping[str, Any],
+    console: Console,
+    pictures: Any,
 ) -> list[dict[str, Any]]:
     """Write table and page, and print the table."""
     from cli.bench_report.page import write_bench_page
+    from nets.evaluation.bench.found_numbers import covered_numbers, number_rows
     from nets.evaluation.bench.table import bench_summary
     from warp_caustics.io.json_file import write_json
 
-    rows = _lines(records, console)
-    write_json(folder / "table.json", {"about": about, "rows": rows, "summary": bench_summary(rows)})
+    rows, numbers = _lines(records, console), number_rows(cases, records)
+    if covered := covered_numbers(numbers):
+        console.line(
+            f"numbers    {len(numbers)} of benches told by images, {covered[0]:.0%} within one standard deviation, "
+            f"{covered[1]:.0%} within two"
+        )
+    found = {"about": about, "rows": rows, "summary": bench_summary(rows), "numbers": numbers}
+    write_json(folder / "table.json", found)
     write_bench_page(folder / "index.html", rows, about, pictures)
     return rows
 

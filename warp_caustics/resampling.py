@@ -188,7 +188,8 @@ def blur_matrix(pixels: int, blur: float) -> torch.Tensor:
     omega = torch.arange(pixels + 1, dtype=torch.float64) * (math.pi / pixels)
     ring = torch.fft.irfft(torch.exp(-0.5 * (blur * omega) ** 2).to(torch.complex128), 2 * pixels)
     row, column = torch.arange(pixels)[:, None], torch.arange(pixels)
-    return ring[(row - column) % (2 * pixels)] + ring[row + column + 1]
+    matrix: torch.Tensor = ring[(row - column) % (2 * pixels)] + ring[row + column + 1]
+    return matrix
 
 
 def mirrored_rows(kernel: torch.Tensor, pixels: int) -> torch.Tensor:

@@ -23,6 +23,7 @@ from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lin
 from nets.reconstruct.fibres.bench.light_of_lines import losses_shown
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
 from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
+from nets.reconstruct.fibres.bench.slant_or_shift import names_of_place, other_places
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import VERGENCE
@@ -153,6 +154,7 @@ def fit_with_bench(run: Run) -> None:
             together = run.together()
             _told_by(run, together)
         if together is not None:
+            together = fit_with_other_place(run) or together
             _fit_with_fewer(run, together)
         if not set(BEND_LIGHT) & set(run.asked):
             fit_with_gap(run)
@@ -266,8 +268,13 @@ def _enough(run: Run, is_explained: bool) -> float:
     """
     if is_first(run):
         return 1.0
+    return _least_gain(run) if is_explained else BENCH_GAIN
+
+
+def _least_gain(run: Run) -> float:
+    """Factor by which what is left falls where a bench tells as much as its score must be for it to be asked."""
     counted = float((run.view.discrepancy.whole.weight > 0).sum())
-    return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0)) if is_explained else BENCH_GAIN
+    return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0))
 
 
 def _fit_with_picture(run: Run) -> BenchOfLines | None:
@@ -299,6 +306,26 @@ def _fit_with_picture(run: Run) -> BenchOfLines | None:
     _told_by(run, made[0])
     is_done = run.view.is_explained(run.lines)
     return made[0] if is_done else _fit_with_numbers(run, pictures.names) or made[0]
+
+
+def fit_with_other_place(run: Run) -> BenchOfLines | None:
+    """Lines in light from aside in place of a picture that lies aside, or the reverse; what found them, or None.
+
+    Where that explains clearly more, by what the score must be for a bench to be asked.
+    """
+    asked = {*run.asked, *names_of_place(run.numbers)}
+    together = run.together([name for name in run.numbers.names if name in asked])
+    for start in other_places(run.numbers, run.bench):
+
+        def fit(start: Bench = start) -> float:
+            run.lines, run.bench = together(run.lines, start)
+            run.view = run.on(run.bench)
+            return _least_gain(run) if run.view.is_explained(run.lines) else 0.0
+
+        if kept_if_less(run, fit):
+            _told_by(run, together)
+            return together
+    return None
 
 
 def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:

@@ -1,5 +1,6 @@
 """The fewest numbers of a bench that explain an image."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from nets.reconstruct.fibres.bench.bench_fits import (
     differing,
     fit_with_bench,
     fit_with_gap,
+    fit_with_other_place,
     in_turn,
 )
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
@@ -152,6 +154,21 @@ def test_light_from_aside_is_told_by_lines(model):
     fit_with_bench(run)
     assert run.bench.values["tilt_x_rad"] == pytest.approx(0.03, abs=0.002) and "tilt_x_rad" in run.asked
     assert error_um(model, run.lines) < 1.0
+
+
+def test_a_slant_that_was_taken_for_a_move_is_found(model):
+    """Lines on a screen that was moved by as much explain the image, and no step leads away from there."""
+    slant = 0.03
+    run = run_with(model, photographed(model, bench_with(tilt_x_rad=slant)), LINES)
+    aside = way_of_light_m(SCENE) * math.tan(slant)
+    moved = run.together(["screen_x_m", "screen_y_m"])
+    run.lines, run.bench = moved(LINES, bench_with(screen_x_m=-aside))
+    run.view, run.asked = run.on(run.bench), moved.numbers.names
+    assert run.view.is_explained(run.lines) and run.bench.values["screen_x_m"] == pytest.approx(-aside, rel=0.3)
+    assert fit_with_other_place(run) is not None and "tilt_x_rad" in run.asked
+    assert run.bench.values["tilt_x_rad"] == pytest.approx(slant, abs=4e-3)
+    assert abs(run.bench.values["screen_x_m"]) < 0.2 * aside
+    assert fit_with_other_place(run) is None
 
 
 @pytest.mark.parametrize("is_picture", [True, False])
