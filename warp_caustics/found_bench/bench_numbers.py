@@ -122,6 +122,13 @@ class BenchNumbers:
             return None
         return replace(self, is_picture=True)
 
+    def of_lamp(self) -> "BenchNumbers | None":
+        """The same without :attr:`is_picture`, of a lamp no farther than infinity; None where it is not set."""
+        if not self.is_picture:
+            return None
+        parameters = tuple(replace(p, low=0.0) if p.name == VERGENCE else p for p in self.parameters)
+        return replace(self, parameters=parameters, is_picture=False)
+
     def only(self, names: Collection[str]) -> "BenchNumbers":
         """The same, of which some are looked for: those of the names that are among them."""
         return replace(self, parameters=tuple(p for p in self.parameters if p.name in names))

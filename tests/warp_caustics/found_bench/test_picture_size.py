@@ -84,6 +84,8 @@ def test_what_is_brought_back_is_simulated_without_resampling(is_picture):
 
 def test_a_size_that_is_told_leaves_no_picture_to_look_for():
     assert NUMBERS.of_picture().is_picture and NUMBERS.picture_size({VERGENCE: 3.0}) == 1.0
+    assert NUMBERS.of_lamp() is None and not NUMBERS.of_picture().of_lamp().is_picture
+    assert NUMBERS.of_picture().of_lamp().within({VERGENCE: -3.0}) == {VERGENCE: 0.0}
     assert NUMBERS.of_picture().picture_size({VERGENCE: 3.0}) > 1 > NUMBERS.picture_size({VERGENCE: -3.0})
     assert BenchNumbers.of(SCENE, {"magnification": 0.0}).of_picture() is None
     assert BenchNumbers.of(SCENE, {VERGENCE: 0.0}).of_picture() is None

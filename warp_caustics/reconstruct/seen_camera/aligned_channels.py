@@ -33,7 +33,10 @@ def repaired(image: CausticImage) -> FloatArray:
 
 
 def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.device | str) -> CausticImage:
-    """The image with all channels where the middle one lies; blur and noise stay.
+    """The image with all channels where the middle one lies; blur stays.
+
+    Noise of pixels that are means of others is less, by a sixth at half a pixel, and is told so: a picture that was
+    brought back from another size leaves a twelfth less of an image, by its noise alone, than a lamp nearby.
 
     Args:
         image: what the camera saw.
@@ -44,6 +47,7 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
     irradiance = np.array(values)
     kept = None if mask is None else mask.copy()
     own = None if image.own is None else image.own.copy()
+    noise = None if image.noise_std is None else np.array(image.noise_std, np.float64)
     pixels = values.shape[-1]
     for channel, ((x, y), scale) in enumerate(zip(camera.shift, camera.scale, strict=True)):
         if x == y == scale == 0:
@@ -53,12 +57,22 @@ def channels_together(image: CausticImage, camera: ChannelCamera, device: torch.
         along_x, along_y = resampling_matrix(pixels, moved, back).to(device)
         picture = torch.as_tensor(values[channel], device=device)
         irradiance[channel] = (along_y @ picture @ along_x.T).cpu().numpy()
+        if noise is not None:
+            noise[channel] *= noise_that_stays(along_x) * noise_that_stays(along_y)
         if own is not None:
             own[channel] = moved_pixels(own[channel], (x, y), scale)
         if kept is not None and mask is not None:
             gaps = torch.as_tensor(~mask[channel], dtype=torch.float64, device=device)
             kept[channel] = (along_y.abs() @ gaps @ along_x.abs().T < SPOILED).cpu().numpy()
-    return CausticImage(irradiance, image.noise_std, kept, own, image.size)
+    return CausticImage(irradiance, noise, kept, own, image.size)
+
+
+def noise_that_stays(rows: torch.Tensor) -> float:
+    """Standard deviation of white noise after a resampling along one axis, shape [m, m], over that before.
+
+    Root mean square over the pixels.
+    """
+    return float(rows.square().sum(dim=-1).mean().sqrt())
 
 
 def of_size(image: CausticImage, size: float, device: torch.device | str) -> CausticImage:

@@ -171,9 +171,12 @@ def test_a_slant_that_was_taken_for_a_move_is_found(model):
     assert fit_with_other_place(run) is None
 
 
-@pytest.mark.parametrize("is_picture", [True, False])
-def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_picture):
-    """By what is high, which a lamp enlarges more; pictures met the pixels before they were brought back."""
+@pytest.mark.parametrize(("is_picture", "is_taken_for"), [(True, False), (False, False), (False, True)])
+def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_picture, is_taken_for):
+    """By what is high, which a lamp enlarges more; pictures met the pixels before they were brought back.
+
+    Whatever it was taken for without lines.
+    """
     vergence = 4.0
     image = photographed(model, bench_with(vergence_per_m=vergence))
     if is_picture:
@@ -183,6 +186,8 @@ def test_a_picture_that_is_too_large_is_told_from_a_lamp_nearby(model, is_pictur
         noise = NOISE * np.random.default_rng(0).standard_normal(shown.shape)
         image = CausticImage((shown + noise).astype(np.float32), np.full(3, NOISE))
     run = run_with(model, image, LINES + 1e-5)
+    if is_taken_for:
+        run.numbers = numbers_of_lines(BenchNumbers.of(SCENE).of_picture())
     fit_with_bench(run)
     assert run.numbers.is_picture == is_picture and run.view.is_explained(run.lines)
     assert run.bench.values["vergence_per_m"] == pytest.approx(vergence, abs=0.1)

@@ -211,6 +211,18 @@ def test_channels_come_to_lie_together():
     assert np.abs(image.irradiance[0] - lines())[6:-6, 6:-6].max() > 0.3
 
 
+@pytest.mark.parametrize(("shift", "scale"), [((0.5, 0.0), 0.0), ((0.3, -0.2), 0.0), ((0.0, 0.0), 2e-3)])
+def test_noise_of_channels_that_are_moved_is_told_as_it_is(shift, scale):
+    """White before it; that of the channel that stays is as it was."""
+    pixels, noise = 256, np.array([0.02, 0.02, 0.03])
+    white = 1 + noise[:, None, None] * np.random.default_rng(3).standard_normal((3, pixels, pixels))
+    camera = ChannelCamera.perfect(3, pixels)
+    camera.shift[0], camera.scale[0] = shift, scale
+    together = channels_together(CausticImage(white, noise), camera, "cpu")
+    np.testing.assert_allclose(together.irradiance.std(axis=(1, 2)), together.noise_std, rtol=0.01)
+    assert together.noise_std[0] < 0.98 * noise[0] and (together.noise_std[1:] == noise[1:]).all()
+
+
 def test_pixels_made_of_others_that_do_not_count_do_not_count():
     mask = np.ones((3, PIXELS, PIXELS), bool)
     mask[0, 40, 50] = False
