@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bench import FIGURES, PAGE, SINCE, collect, method_cells, stored, table, titles, with_tables
+from benchmarks.bench_numbers import UNITS, numbers_of, numbers_table
 from benchmarks.bench_trust import NOT_FLAT, of_benches, trust_table
 from data_gen.suites.suites import SUITES, suite_cases
 from nets.evaluation.bench.coverage import REGIONS, WITHIN
@@ -145,3 +146,36 @@ def test_every_row_with_a_flat_base_has_one_kind_of_bench():
     assert set(kinds["gap, base or glass other"]) == other
     assert {"nothing", "blur-2", "meanders"} <= set(kinds["bench as told"])
     assert {"lamp-1m", "scale-1", "fresnel"} <= set(kinds["other, but gap, base and glass as told"])
+
+
+def number(name, told, true, found, sigma, **about):
+    return {"name": name, "told": told, "true": true, "found": found, "sigma": sigma, **about}
+
+
+def test_numbers_of_benches_are_told_apart_by_whether_they_are_as_told():
+    """In the units of the table; those of another row or method are not a row's."""
+    about = {"row": "careful", "method": "direct"}
+    gaps = [
+        number("gap_m", 1e-6, 11e-6, 13e-6, 4e-6, **about),
+        number("gap_m", 1e-6, 11e-6, 21e-6, 4e-6, **about),
+        number("gap_m", 1e-6, 1e-6, 1e-6, 3e-6, **about),
+    ]
+    tree = {"suites": {}}
+    others = [number("ambient", 0.0, 0.03, 0.03, 1e-3, **about | {"row": "poor"})]
+    collect(tree, run() | {"numbers": gaps + others}, WEIGHTS)
+    assert tree["suites"]["lab"]["direct"]["careful"]["numbers"] == numbers_of(gaps)
+    (line,) = numbers_table(tree["suites"], "direct")[2:]
+    assert line == "| gap | um | 2 | 6 | 4 | 50, 50 % | 1 | 0 | 3 | 100, 100 % |"
+    assert numbers_table(tree["suites"], "fibres")[2:] == []
+
+
+def test_every_number_that_is_found_has_a_line():
+    """But for the lamp's place, which is the light's slant."""
+    known = {name for names in UNITS for name in names}
+    stored_names = {
+        name
+        for suite in stored()["suites"].values()
+        for row in suite.get("fibres", {}).values()
+        for name in row.get("numbers", {}).get("name", ())
+    }
+    assert stored_names - known <= {"lamp_x_m", "lamp_y_m"} and len(stored_names & known) == len(known)

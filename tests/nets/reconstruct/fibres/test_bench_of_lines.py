@@ -16,14 +16,20 @@ from nets.reconstruct.fibres.bench.line_posterior import (
     misfit_weight,
 )
 from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.trust.beliefs import times_less_known
+from nets.reconstruct.fibres.trust.stated_bench import stated_bench, stated_record
 from tests.nets.reconstruct.cameras import blurring
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_uncertainty import GAP_M
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
+from warp_caustics.simulator import CausticSimulator
 
 N = 48
 SCENE = Scene(height_samples=N, image_pixels=4 * N, screen_position_m=(0.0, 0.0, -1e-3))
@@ -83,6 +89,33 @@ def test_lines_tell_the_gap_that_free_heights_make_up_for():
     assert throw == pytest.approx(1.1e-3, abs=4e-5)
     assert all(0 < bench.sigma[p.name] <= 1.01 * p.prior for p in asked.parameters)
     assert bench.values["tilt_x_rad"] == 0.0 and "tilt_x_rad" not in bench.sigma
+
+
+def test_a_gap_that_was_asked_alone_is_as_uncertain_as_base_and_index_leave_it():
+    """A base that is thicker than told is found as a gap, as if known to 4 um; what is stated covers that none is there."""
+    image = photographed(true_bench(base_thickness_m=3.1e-3))
+    alone = BenchOfLines(numbers().only(["gap_m"]), image, MODEL, 2 * N, CAMERA)
+    lines, bench = alone(LINES, Bench.told(numbers()))
+    bench = alone.with_sigma(bench, alone.covariance(lines, bench))
+    simulator = CausticSimulator(numbers().scene_of(bench.values), "lattice")
+    view = LinesView(Resimulation(simulator, seen_on(image, numbers(), bench)).through(CAMERA), MODEL)
+    told = numbers().before["gap_m"]
+
+    def stated(**widths):
+        known = numbers_of_lines(BenchNumbers.of(SCENE, widths))
+        return stated_bench(BenchOfLines(known, image, MODEL, 2 * N, CAMERA), lines, view, bench)
+
+    off = bench.values["gap_m"] - told
+    assert off == pytest.approx(0.1e-3 / 1.46, rel=0.2), "as far as light goes in so much glass"
+    found = stated()
+    assert bench.sigma["gap_m"] < off / 8
+    assert off / 4 < found.sigma["gap_m"] < off
+    assert found.sigma.keys() == bench.sigma.keys() and found.values == bench.values
+    exact = stated(base_thickness_m=0.0, index_offset=0.0)
+    assert exact.sigma["gap_m"] < 0.5 * found.sigma["gap_m"]
+    record = {number.name: number for number in stated_record(numbers(), found).numbers}
+    assert record["gap_m"].found == bench.values["gap_m"] and record["gap_m"].verdict == "as told"
+    assert record["gap_m"].prior == pytest.approx(times_less_known(numbers(), bench) * GAP_M)
 
 
 def test_stray_light_in_an_image_that_is_mostly_noise_is_not_taken_for_less():
