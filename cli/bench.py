@@ -272,8 +272,8 @@ def _told(
     rows, numbers = _lines(records, console), number_rows(cases, records)
     if covered := covered_numbers(numbers):
         console.line(
-            f"numbers    {len(numbers)} of benches told by images, {covered[0]:.0%} within one standard deviation, "
-            f"{covered[1]:.0%} within two"
+            f"numbers    of {len(numbers)} that images told of their benches {covered[0]:.0%} are within one standard "
+            f"deviation, {covered[1]:.0%} within two"
         )
     found = {"about": about, "rows": rows, "summary": bench_summary(rows), "numbers": numbers}
     write_json(folder / "table.json", found)

@@ -13,8 +13,10 @@ from cli.marker import MARKER
 from data_gen.suites.light import true_heights
 from data_gen.suites.suites import suite_cases
 from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
 from warp_caustics.io.heights import write_heights
 from warp_caustics.reconstruct.base import Reconstruction, Reconstructor
+from warp_caustics.setup.parameter import Parameter
 
 ROWS = "careful,another"
 
@@ -35,7 +37,9 @@ class Level(Reconstructor):
             raise InputError("no")
         n = self.scene.height_samples
         heights = np.full((n, n), self.level_m)
-        counters = {"doubt": {"is_doubtful": False}}
+        gap = Parameter("gap_m", "g", "m", 0.0, 1.0, 1e-5, "screen", "")
+        bench = FoundBench((FoundNumber.of(gap, 1e-6, 7e-6, 4e-6, is_used=True),), True, "", 1)
+        counters = {"doubt": {"is_doubtful": False}, "bench": bench.record}
         return Reconstruction(
             "direct", heights, image.irradiance, 0.1, "converged", uncertainty_m=heights, counters=counters
         )
@@ -109,7 +113,13 @@ def test_run_scores_pictures_and_goes_on(lab, images, capsys):
     assert not (out / "table.json").exists()
     lab.stops_at = None
     assert run(out) == 0
-    assert "stated     1 of 2 results are off by more than 3 times" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "stated     1 of 2 results are off by more than 3 times" in said
+    # Both found as told, a gap of 1 um +- 4; 6 um and 1.02 mm are there.
+    assert (
+        "numbers    of 2 that images told of their benches 0% are within one standard deviation, 50% within two" in said
+    )
+    assert [round(1e6 * number["true"], 6) for number in table(out)["numbers"]] == [6.0, 1020.0]
     # The one that was interrupted, not the one before; and each is told the scene of its bench.
     assert [told for told, _ in lab.calls] == [3e-3, 3.2e-3, 3.2e-3]
     rows = table(out)["rows"]
@@ -247,4 +257,5 @@ def test_cells_keep_what_a_result_states(tmp_path, lab):
     for path in (tmp_path / "out" / "cells").glob("*.npz"):
         with np.load(path) as file:
             assert set(file) == {"heights_m", "uncertainty_m"} and np.all(file["uncertainty_m"] == np.float32(1e-4))
-        assert json.loads(path.with_suffix(".json").read_text())["counters"] == {"doubt": {"is_doubtful": False}}
+        counters = json.loads(path.with_suffix(".json").read_text())["counters"]
+        assert counters["doubt"] == {"is_doubtful": False} and counters["bench"]["numbers"][0]["sigma"] == 4e-6

@@ -8,7 +8,6 @@ open of all numbers together, gap, base and index believed as of :mod:`~nets.rec
 
 import dataclasses
 
-import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, bench_record
@@ -30,11 +29,8 @@ def stated_bench(together: BenchOfLines, lines: torch.Tensor, view: LinesView, b
     """
     numbers = together.numbers
     covariance = as_stated(together.covariance(lines, bench), lines, view, numbers, numbers.names, bench)
-    first = len(covariance.matrix) - together.n_beside
-    deviations = np.sqrt(np.maximum(np.diag(covariance.matrix)[first:], 0.0))
-    known = {p.name: p.prior * float(d) for p, d in zip(numbers.parameters, deviations, strict=False)}
-    sigma = {name: known.get(name, before) for name, before in bench.sigma.items()}
-    return dataclasses.replace(bench, sigma=sigma)
+    known = together.with_sigma(bench, covariance).sigma
+    return dataclasses.replace(bench, sigma={name: known[name] for name in bench.sigma})
 
 
 def stated_record(numbers: BenchNumbers, bench: Bench) -> FoundBench:

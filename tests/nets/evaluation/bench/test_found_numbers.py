@@ -3,13 +3,18 @@
 import dataclasses
 
 import pytest
+import torch
 
 from data_gen.suites.lab import BENCHES
 from data_gen.suites.suites import suite_cases
 from nets.evaluation.bench.found_numbers import covered_numbers, number_rows, true_numbers
+from warp_caustics.camera.config import CameraConfig
+from warp_caustics.camera.operator import Camera
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import FoundBench, FoundNumber
 from warp_caustics.found_bench.picture_size import picture_size
+from warp_caustics.scene import Scene
+from warp_caustics.simulator import CausticSimulator
 
 
 def case(row, suite="one-thing"):
@@ -49,12 +54,24 @@ def test_a_picture_of_another_size_has_the_vergence_that_looks_like_it():
 
 
 def test_a_picture_that_the_camera_moves_is_of_a_screen_that_was_moved_the_other_way():
+    """By the images of both."""
+    scene = Scene(height_samples=16, image_pixels=64)
     ordinary = case("ordinary", "lab")
-    assert ordinary.camera is not None
-    true, size = true_numbers(ordinary), ordinary.told.pixel_size_m[0]
-    moved = [true[name] / -size for name in ("screen_x_m", "screen_y_m")]
-    assert moved == pytest.approx(ordinary.camera.shift_px)
-    assert true["ambient"] == BENCHES["ordinary"].ambient and true["index_offset"] == BENCHES["ordinary"].index
+    camera = CameraConfig(shift_px=(1.5, -0.5))
+    true = true_numbers(dataclasses.replace(ordinary, scene=scene, told=scene, camera=camera))
+    x = (torch.arange(16) - 7.5) / 8
+    heights = 3e-4 * torch.exp(-4 * ((x[:, None] - 0.1) ** 2 + (x + 0.2) ** 2))
+    seen = Camera(camera, scene).signal(CausticSimulator(scene, "lattice")(heights))
+    place = true["screen_x_m"], true["screen_y_m"], scene.screen_position_m[2]
+    moved = CausticSimulator(scene.model_copy(update={"screen_position_m": place}), "lattice")(heights)
+    inside = (slice(None), slice(4, -4), slice(4, -4))
+    assert (seen - moved)[inside].abs().max() < 0.1 * (moved - 1)[inside].abs().max()
+
+
+def test_light_and_glass_of_a_bench_with_a_camera_are_its_own():
+    true, bench = true_numbers(case("ordinary", "lab")), BENCHES["ordinary"]
+    assert (true["ambient"], true["index_offset"]) == (bench.ambient, bench.index)
+    assert true["gap_m"] == pytest.approx(-bench.told.screen_position_m[2] + bench.gap_m)
 
 
 def test_numbers_that_no_image_told_are_left_out_and_cases_that_are_not_asked():
