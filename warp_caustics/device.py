@@ -6,7 +6,7 @@ from warp_caustics.native_words import native_words
 
 
 def start_device(name: str) -> str:
-    """Device to use, checked, with Warp running.
+    """Device to use, checked, with Warp running. A GPU is torch's own from then on: graphs are recorded on that one.
 
     Args:
         name: cpu, cuda, cuda:N, or auto, which takes cuda where there is one.
@@ -24,6 +24,8 @@ def start_device(name: str) -> str:
     if name == "auto":
         name = "cuda" if has_cuda else "cpu"
     device = str(usable_device(name))
+    if device.startswith("cuda"):
+        torch.cuda.set_device(device)
     # Warp's native code warns of a missing driver, whatever its log level; no news on a machine without a GPU.
     with contextlib.nullcontext() if has_cuda else native_words():
         wp.init()

@@ -5,6 +5,7 @@ import torch
 
 from nets.reconstruct.methods import create
 from warp_caustics import CausticSimulator, Scene
+from warp_caustics.device import start_device
 from warp_caustics.energy import energy_budget
 from warp_caustics.errors import InputError
 from warp_caustics.oracle import oracle_image
@@ -198,3 +199,17 @@ def test_channels_together_change_nothing(monkeypatch, preset):
         assert (simulator.engine.fused.width == 3) == (arch == 90 and is_new)
     for found, expected in zip(*results, strict=True):
         assert float((found - expected).norm()) <= 1e-5 * float(expected.norm())
+
+
+@pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two CUDA devices")
+def test_a_second_gpu_simulates_as_the_first_does():
+    # Recorded on the first GPU, its graphs were empty: heights had no extremes.
+    images = []
+    try:
+        for device in ("cuda:0", "cuda:1"):
+            simulator = CausticSimulator(FAR, device=start_device(device))
+            heights = bumpy().to(device, torch.float32)
+            images.append([simulator(heights).cpu() for _ in range(3)][-1])
+    finally:
+        start_device("cuda:0")
+    torch.testing.assert_close(*images)
