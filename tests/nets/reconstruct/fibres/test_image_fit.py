@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
 from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.search.moves import jump, shapes, stretches, suspects
 from tests.nets.reconstruct.cameras import blurring
@@ -148,7 +148,7 @@ def test_the_lattice_is_no_part_of_what_lines_are_asked_to_explain(model):
 
 
 def test_a_metric_does_not_mix_what_a_mirrored_image_keeps_apart():
-    """A line in the middle that moves sideways and one that grows: odd and even, by which nothing is in common.
+    """Beside a bench: of a line in the middle that moves sideways and grows, odd and even, nothing is in common.
 
     By differences to one side 0.31 was, which looked as if an image told more of both.
     """
@@ -159,5 +159,6 @@ def test_a_metric_does_not_mix_what_a_mirrored_image_keeps_apart():
     seen = CausticImage(CausticSimulator(scene)(heights).numpy())
     fit = ImageFit(scene, seen, model, 256, camera=blurring(0.7, 256))
     sideways = derivatives[0] + derivatives[2]
-    normal = fit.normal_matrix(heights, torch.stack([sideways, derivatives[5]]))
+    beside = Beside(torch.zeros(1, 3, 256, 256), np.zeros(1), 1.0)
+    normal = fit.normal_matrix(heights, torch.stack([sideways, derivatives[5]]), beside)
     assert abs(float(normal[0, 1])) < 0.01 * float((normal[0, 0] * normal[1, 1]).sqrt())
