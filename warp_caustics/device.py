@@ -6,7 +6,7 @@ from warp_caustics.native_words import native_words
 
 
 def start_device(name: str) -> str:
-    """Device to use, checked, with Warp running. A GPU is torch's own from then on: graphs are recorded on that one.
+    """Device to use, checked, with Warp running. A GPU is torch's current one from then on: graphs are recorded there.
 
     Args:
         name: cpu, cuda, cuda:N, or auto, which takes cuda where there is one.

@@ -52,7 +52,8 @@ class CausticSimulator:
             see :attr:`n_photons`.
         smoothing: s, scales the photon footprint; the preset's if None.
         seed: selects the photon set; no effect on the lattice.
-        device: ``"cpu"``, ``"cuda"``, ``"cuda:1"``.
+        device: ``"cpu"``, ``"cuda"``, ``"cuda:1"``; one that is not torch's current GPU after
+            :func:`~warp_caustics.device.start_device`, for graphs are recorded there.
         dtype: torch.float32 or torch.float64, of heights and image.
         placement: overrides the preset's: lattice, stratified, sobol or random.
         profile: overrides the preset's footprint profile: gaussian or spline.

@@ -1,7 +1,5 @@
 """Derivatives of images by the numbers of a bench: of what is mirrored in itself they are so, too."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -24,10 +22,11 @@ def heights():
     return torch.tensor(line_relief([LINE], 64, SCENE.plate_size_m), dtype=torch.float32)
 
 
-def slopes(heights, values=None):
-    numbers = numbers_of_lines(BenchNumbers.of(SCENE))
+def slopes(heights, numbers=None):
+    """Columns by name; of the numbers that lines tell, none of which makes a picture smaller, if none are given."""
+    numbers = numbers or numbers_of_lines(BenchNumbers.of(SCENE))
     model = BenchModel(numbers, 256, "cpu", blur_matrices(256, np.full(3, 0.7), torch.device("cpu")))
-    at = {name: numbers.before[name] for name in numbers.names} | (values or {})
+    at = {name: numbers.before[name] for name in numbers.names}
     columns = model.by_numbers(heights, at, model.image(heights, at))
     return dict(zip(numbers.names, columns, strict=True))
 
@@ -56,12 +55,8 @@ def test_at_an_end_of_its_range_a_number_is_asked_to_second_order(heights, monke
     assert float((wide - narrow).square().mean().sqrt()) < 0.06 * float(narrow.square().mean().sqrt())
 
 
-def test_a_picture_of_another_size_is_asked_as_a_lamp_would_make_it(heights):
+def test_below_parallel_light_a_vergence_is_not_asked(heights):
+    """There a picture is resampled, and softer: whether numbers may be there changes nothing of their columns."""
     numbers = BenchNumbers.of(SCENE)
-    pictures = dataclasses.replace(numbers, is_picture=True)
-    values = {name: numbers.before[name] for name in numbers.names}
-    one, other = (
-        BenchModel(each, 256, "cpu").by_numbers(heights, values, BenchModel(each, 256, "cpu").image(heights, values))
-        for each in (numbers, pictures)
-    )
-    torch.testing.assert_close(one, other)
+    assert numbers.parameters[numbers.names.index(VERGENCE)].low < 0
+    torch.testing.assert_close(slopes(heights, numbers)[VERGENCE], slopes(heights)[VERGENCE], rtol=0, atol=0)
