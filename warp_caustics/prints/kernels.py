@@ -124,6 +124,24 @@ def segment_gap(offset: wp.vec2, along: wp.vec2, inverse: wp.float32):
     return wp.vec3(offset[0] - nearest * along[0], offset[1] - nearest * along[1], nearest)
 
 
+@no_type_check
+@wp.func
+def printed_over(height: wp.float32, other: wp.float32, power: wp.float32):
+    """(h^p + o^p)^(1/p) of two heights >= 0 [m]; p = 1 adds them up, p < 0 takes the higher one.
+
+    Relative to the higher one: powers of heights leave single precision, in which 0.05 mm to the power of 30 is
+    nothing. Lines of p = 28 had edges 5 um high then, of p = 48 55 um, and no line near a caustic could move by 0.1 um
+    without a jump of its image.
+    """
+    higher = wp.max(height, other)
+    lower = wp.min(height, other)
+    if lower <= 0.0 or power < 0.0:
+        return higher
+    if power == 1.0:
+        return higher + lower
+    return higher * wp.pow(1.0 + wp.pow(lower / higher, power), 1.0 / power)
+
+
 @made_once
 def stroke_kernel(supersampling: int, can_merge: bool) -> Any:
     """Kernel ``print_strokes``; reliefs whose lines merge need ``can_merge``, and supersampling^2 sums per thread."""

@@ -9,7 +9,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from warp_caustics.prints.kernels import cell_point
+from warp_caustics.prints.kernels import cell_point, printed_over
 from warp_caustics.prints.line_kernels import LineCell, cells_of_row, is_near_cell, line_point
 
 HIGHEST = -1.0
@@ -41,22 +41,12 @@ def printed_points(
     pitch, ends = wp.vec2(pitch_x, pitch_y), wp.vec2(thicker, end)
     side = 0.5 * (pitch[0] + pitch[1]) / wp.float32(supersampling)
     count = supersampling * supersampling
-    if power > 0.0:
-        # In millimetres, so that powers stay within single precision.
-        for sub in range(count):
-            points[i, j, sub] = wp.pow(1000.0 * points[i, j, sub], power)
     for k in range(lines.shape[0]):
         if is_near_cell(lines, k, i, j, 0.5 * edge * (1.0 + thicker) * lines[k, 4], pitch, samples):
             for sub in range(count):
                 point = cell_point(i, j, sub, supersampling, pitch, samples)
                 height = line_point(lines, k, point, side, exponent, parabola, edge, is_cap, ends)[0]
-                if power > 0.0:
-                    points[i, j, sub] = points[i, j, sub] + wp.pow(1000.0 * height, power)
-                else:
-                    points[i, j, sub] = wp.max(points[i, j, sub], height)
-    if power > 0.0:
-        for sub in range(count):
-            points[i, j, sub] = 0.001 * wp.pow(points[i, j, sub], 1.0 / power)
+                points[i, j, sub] = printed_over(points[i, j, sub], height, power)
 
 
 @no_type_check

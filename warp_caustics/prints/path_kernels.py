@@ -11,7 +11,7 @@ from typing import Any, no_type_check
 import warp as wp
 
 from warp_caustics.kernels.made_once import made_once
-from warp_caustics.prints.kernels import cell_point, section_height, segment_gap
+from warp_caustics.prints.kernels import cell_point, printed_over, section_height, segment_gap
 from warp_caustics.prints.rows import BEGIN, JOINED, RING
 
 BLOCK = 8
@@ -80,7 +80,7 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
         takes_highest = merging > 1.0e6
         centre = cell_point(i, j, -1, wp.static(supersampling), pitch, samples)
         total = wp.float32(0.0)
-        # Of finished lines, and of the one that is being printed; powers of heights in millimetres where lines merge.
+        # Of finished lines, and of the one that is being printed.
         sums = heights_type()
         line = heights_type()
         is_open = wp.bool(False)
@@ -94,7 +94,8 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
                 if wp.static(has_chains):  # noqa: SIM102 - one is compiled away, the other runs
                     # The line before may end in here; what begins in here does not reach this cell within the block.
                     if is_open and boxes[b, block, 4] > 0.5 and not takes_highest:
-                        sums = sums + line
+                        for sub in range(wp.static(points)):
+                            sums[sub] = printed_over(sums[sub], line[sub], merging)
                         line = heights_type()
                         is_open = False
             else:
@@ -110,7 +111,8 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
                             width = rows[b, before, 5]
                             height = rows[b, before, 6]
                         elif is_open and not takes_highest:
-                            sums = sums + line
+                            for sub in range(wp.static(points)):
+                                sums[sub] = printed_over(sums[sub], line[sub], merging)
                             line = heights_type()
                             is_open = False
                     if row_kind != wp.static(BEGIN) and (height > 0.0 or end_height > 0.0):
@@ -141,18 +143,12 @@ def path_kernel(supersampling: int, has_chains: bool) -> Any:
                                     crown = height + nearest * (end_height - height)
                                     found = crown * path_section_height(kind, parameter, ends, distance, wide)
                                     if wp.static(has_chains):
-                                        if merging > 1.0 and not takes_highest:
-                                            # Powers grow with heights: the highest piece is still the highest.
-                                            found = wp.pow(1000.0 * found, merging)
                                         line[sub] = wp.max(line[sub], found)
                                     else:
                                         total += found
         if wp.static(has_chains):
             for sub in range(wp.static(points)):
-                added = sums[sub] + line[sub]
-                if merging > 1.0 and not takes_highest:
-                    added = 0.001 * wp.pow(added, 1.0 / merging)
-                total += added
+                total += printed_over(sums[sub], line[sub], merging)
         x = centre[0]
         y = centre[1]
         bow = traits[b, 4] * x * x + traits[b, 5] * x * y + traits[b, 6] * y * y

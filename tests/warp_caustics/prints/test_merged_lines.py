@@ -10,7 +10,7 @@ from warp_caustics.prints.model import HEIGHT, LineModel, Shape
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=32, image_pixels=64)
-OVERLAPS = (0.0, 0.2, 0.5, 0.8)
+OVERLAPS = (0.0, 0.021, 0.036, 0.2, 0.5, 0.8)
 LINES = torch.tensor(
     [
         [-0.018, -0.012, 0.016, 0.013, 3.2e-3, 0.9e-3],

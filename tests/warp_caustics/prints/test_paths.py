@@ -64,7 +64,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("merging", [SUM, 3.0, MAX])
+@pytest.mark.parametrize("merging", [SUM, 3.0, 45.0, MAX])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("section", SECTIONS, ids=lambda s: f"{s.kind}-{s.parameter:.2g}")
 def test_the_kernel_prints_what_float64_prints(shape, section, merging):
