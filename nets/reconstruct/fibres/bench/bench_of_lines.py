@@ -18,14 +18,9 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on, stretched
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance, joint_covariance, misfit_weight
+from nets.reconstruct.fibres.image.descent import Beside
 from nets.reconstruct.fibres.image.descent_numbers import by_shape
-from nets.reconstruct.fibres.image.image_fit import (
-    FINE_PHOTONS_PER_PIXEL,
-    METRIC_PHOTONS_PER_PIXEL,
-    WIDTH,
-    Beside,
-    ImageFit,
-)
+from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, WIDTH, ImageFit
 from nets.reconstruct.fibres.image.one_wavelength import of_wavelength
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import BenchModel

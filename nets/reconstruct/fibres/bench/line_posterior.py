@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from nets.reconstruct.fibres.image.descent import Beside
 from nets.reconstruct.fibres.image.descent_numbers import by_shape, moving
-from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.posterior_samples import samples_of

@@ -8,13 +8,13 @@ image's derivatives by all numbers, by differences of simulations with few pixel
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
+from nets.reconstruct.fibres.image.descent import LOSS_SCALE, Beside, Descent, Fitted, in_coordinates
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
 from warp_caustics.one_thread import one_thread
 from warp_caustics.prints.model import LineModel
@@ -38,6 +38,9 @@ Lines 0.7 % higher on a bench of so much less gap are worth 3 squares of deviati
 such differences. For the metric of lines alone they do, and take half the time."""
 BATCH_HEIGHTS = {"cpu": 1 << 18, "cuda": 1 << 22}
 """Heights simulated at a time, at most: on a CPU more would only take more memory, on a GPU launches count."""
+MEMORY_SHARE = 1 / 64
+"""Of a GPU's memory, that images of reliefs simulated at a time may take; what is made of them takes several times as
+much."""
 BORDER_PIXELS = 1
 """Ring of pixels that does not count: what happens at the edge of a plate is not in the model."""
 WIDTH = 0.05
@@ -55,43 +58,21 @@ DESCENTS = 3
 """One after the other, at most, each without the numbers that are held where it begins."""
 CONVERGED = 1e-5
 """Of the loss, see ``ftol`` of L-BFGS-B."""
-LOSS_SCALE = 1e3
-"""L-BFGS-B's tolerances are absolute, and its first step has length one."""
 
 
-@dataclass
-class Fitted:
-    """Lines and how well they explain the image.
+def reliefs_at_once(device: torch.device, samples: int, values: int) -> int:
+    """How many reliefs are simulated together.
 
-    Attributes:
-        lines: shape [L, 6] [m].
-        loss: mean Charbonnier misfit, in units of the radiosity.
-        beside: amplitudes of :class:`Beside`, shape [K] [1]; empty without.
+    Args:
+        device: where.
+        samples: along a side of each.
+        values: of each one's image, in single precision.
     """
-
-    lines: torch.Tensor
-    loss: float
-    beside: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-
-@dataclass(frozen=True)
-class Beside:
-    """What may change the image beside lines, found with them: image + sum_k b_k modes_k.
-
-    Attributes:
-        modes: per standard deviation of what is believed of each, in units of the radiosity, shape [K, n_w, m, m].
-        before: amplitudes at which what is believed of them is met, shape [K].
-        weight: of half the square of an amplitude's distance from there, in units of the loss.
-    """
-
-    modes: torch.Tensor
-    before: FloatArray
-    weight: float
-
-    def at(self, pixels: int) -> torch.Tensor:
-        """Modes of an image binned to so many pixels, shape [K, n_w, pixels, pixels]."""
-        factor = self.modes.shape[-1] // pixels
-        return torch.nn.functional.avg_pool2d(self.modes, factor) if factor > 1 else self.modes
+    most = BATCH_HEIGHTS[device.type] // samples**2
+    if device.type == "cuda":
+        memory = torch.cuda.get_device_properties(device).total_memory
+        most = min(most, int(MEMORY_SHARE * memory / (4 * values)))
+    return max(1, most)
 
 
 class ImageFit:
@@ -130,7 +111,7 @@ class ImageFit:
             self._blur = blur_matrices(pixels, self.camera.blur_at(pixels), self.simulator.device)
         self.missing: torch.Tensor | None = None
         """Of the image, for its lattice and the camera's point spread; None where nobody asked."""
-        self._at_once = max(1, BATCH_HEIGHTS[model.device.type] // model.n**2)
+        self._at_once = reliefs_at_once(self.simulator.device, model.n, self.measurement.irradiance.numel())
         # Of what is here alone: a graph that knew this fit would stay as long as nobody looks for unused objects.
         measurement, blur = self.measurement, self._blur
         self._gradient = RecordedGradient(
@@ -185,8 +166,8 @@ class ImageFit:
         found = []
         with torch.no_grad():
             for some in heights_m.split(self._at_once):
-                residual = (self.seen(some) - self.measurement.irradiance).double()
-                loss = ((residual.square() + self.width**2).sqrt() - self.width) * self.measurement.weight
+                loss = self.seen(some).sub_(self.measurement.irradiance).double()
+                loss.square_().add_(self.width**2).sqrt_().sub_(self.width).mul_(self.measurement.weight)
                 found.append(loss.flatten(1).sum(dim=1))
             values = torch.cat(found) / self.measurement.weight.sum(dtype=torch.float64)
         listed: list[float] = values.tolist()
@@ -230,17 +211,18 @@ class ImageFit:
             residual = image - self.measurement.irradiance
             weight = self.measurement.weight / (residual.square() + self.width**2).sqrt()
             weight = (weight / self.measurement.weight.sum()).flatten()
-            rows = []
-            for some, by in zip(derivatives.split(self._at_once), step.split(self._at_once), strict=True):
+            count = len(derivatives)
+            jacobian = image.new_empty(count + (0 if beside is None else len(beside.modes)), image.numel())
+            parts = [each.split(self._at_once) for each in (jacobian[:count], derivatives, step)]
+            for rows, some, by in zip(*parts, strict=True):
                 change = by[:, None, None] * some
                 if beside is None:
-                    moved = self.seen(heights_m + change) - image
+                    moved = self.seen(heights_m + change).sub_(image)
                 else:
-                    moved = self.seen(heights_m + change / 2) - self.seen(heights_m - change / 2)
-                rows.append((moved / by[:, None, None, None]).flatten(1))
+                    moved = self.seen(heights_m + change / 2).sub_(self.seen(heights_m - change / 2))
+                torch.div(moved.flatten(1), by[:, None], out=rows)
             if beside is not None:
-                rows.append(beside.at(image.shape[-1]).flatten(1))
-            jacobian = torch.cat(rows)
+                jacobian[count:] = beside.at(image.shape[-1]).flatten(1)
             return ((jacobian * weight) @ jacobian.T).double().cpu()
 
     def descend(
@@ -262,7 +244,7 @@ class ImageFit:
             return Fitted(
                 lines, self.loss(self.model.heights(lines)), np.zeros(0 if beside is None else len(beside.modes))
             )
-        descent = _Descent(self, lines, with_section, beside)
+        descent = Descent(self, lines, with_section, beside)
         left, held = iterations, None
         try:
             for _ in range(DESCENTS):
@@ -272,7 +254,7 @@ class ImageFit:
                     break
                 held = held_now
                 to_numbers, back = self._coordinates(descent.best.lines, start, descent.numbers, beside, held)
-                objective = partial(_in_coordinates, descent, to_numbers, back, (value, gradient))
+                objective = partial(in_coordinates, descent, to_numbers, back, (value, gradient))
                 settings = {"maxiter": left, "maxfun": int(1.3 * left) + 2, "maxcor": 30, "ftol": CONVERGED}
                 here = np.zeros(int((~held).sum()))
                 found = scipy.optimize.minimize(objective, here, jac=True, method="L-BFGS-B", options=settings)
@@ -325,73 +307,3 @@ class ImageFit:
             return pulled
 
         return to_numbers, back
-
-
-class _Descent:
-    """A descent so far.
-
-    Args:
-        fit: whose.
-        lines: where it starts, shape [L, 6] [m].
-        with_section: the model's shape is moved, too.
-        beside: what else may change the image.
-
-    Attributes:
-        best: lines so far.
-        shape: of the model with these.
-    """
-
-    def __init__(self, fit: ImageFit, lines: torch.Tensor, with_section: bool, beside: Beside | None):
-        self.fit, self.beside = fit, beside
-        self.numbers = DescentNumbers(fit.model, len(lines), with_section)
-        self.best = Fitted(lines, np.inf, np.zeros(0 if beside is None else len(beside.modes)))
-        self.shape = fit.model.shape
-        self._gradient: FloatArray | None = None
-
-    def at_best(self) -> tuple[FloatArray, float, FloatArray]:
-        """Numbers of the best lines, shape [P + K], the scaled loss there and its gradient."""
-        self.fit.model.shape = self.shape
-        if self._gradient is None:
-            self(self._at())
-        assert self._gradient is not None  # any loss is below that of no evaluation
-        return self._at(), LOSS_SCALE * self.best.loss, self._gradient
-
-    def _at(self) -> FloatArray:
-        return np.append(self.numbers.of(self.best.lines, self.shape), self.best.beside)
-
-    def __call__(self, numbers: FloatArray) -> tuple[float, FloatArray]:
-        """Scaled loss and its gradient by numbers, shape [P + K], which are brought into their ranges."""
-        model, of_relief = self.fit.model, self.numbers.size
-        moved, amplitudes = self.numbers.put(numbers[:of_relief]), numbers[of_relief:]
-        heights, by_line = model.with_jacobian(moved)
-        jacobian = self.numbers.derivatives(moved, by_line)
-        loss, by_height, by_amplitude = self.fit.with_gradient(heights, self.beside, amplitudes)
-        by_number = (jacobian.flatten(1) @ by_height.reshape(-1)).double().cpu().numpy()
-        gradient = LOSS_SCALE * np.append(by_number, by_amplitude)
-        if loss < self.best.loss:
-            self.best = Fitted(moved, loss, amplitudes)
-            self.shape, self._gradient = model.shape, gradient
-        if self.fit.report is not None:
-            self.fit.report(loss)
-        return LOSS_SCALE * loss, gradient
-
-    def is_held(self, numbers: FloatArray, gradient: FloatArray) -> BoolArray:
-        """Of numbers those at an end of their range that would go on outwards, shape [P + K]."""
-        of_relief = self.numbers.size
-        at, by = numbers[:of_relief], gradient[:of_relief]
-        low, high = self.numbers.ends(at)
-        held = ((at <= low) & (by > 0)) | ((at >= high) & (by < 0))
-        return np.append(held, np.zeros(len(numbers) - of_relief, bool))
-
-
-def _in_coordinates(
-    descent: _Descent,
-    to_numbers: Callable[[FloatArray], FloatArray],
-    back: Callable[[FloatArray], FloatArray],
-    start: tuple[float, FloatArray],
-    u: FloatArray,
-) -> tuple[float, FloatArray]:
-    """Loss and gradient in coordinates u; at 0, where a descent starts, they are known."""
-    numbers = to_numbers(u)
-    value, gradient = descent(numbers) if u.any() else start
-    return value, back(np.where(descent.is_held(numbers, gradient), 0.0, gradient))

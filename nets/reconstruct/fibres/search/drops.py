@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.moves import drops as round_drops
 from nets.reconstruct.fibres.search.moves import is_short
 from nets.reconstruct.fibres.search.rounds import while_better

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.moves import SHORTEST_M, stretched
 from nets.reconstruct.fibres.search.rounds import while_better
 

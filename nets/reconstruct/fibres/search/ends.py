@@ -8,7 +8,8 @@ import itertools
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.moves import stretched
 from nets.reconstruct.fibres.search.places import worst_places
 

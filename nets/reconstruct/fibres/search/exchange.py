@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 
 SAME_SHARE = 0.7
 """Volume that two lines have in common, of what both take, above which they are the same."""

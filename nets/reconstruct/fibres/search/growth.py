@@ -8,7 +8,8 @@ line, the image says.
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from warp_caustics.prints.fit_each import fit_each
 from warp_caustics.prints.model import HEIGHT, WIDTH, LineModel
 from warp_caustics.prints.vectorise.proposals import proposed_lines

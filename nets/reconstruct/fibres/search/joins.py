@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.ends import SHORT_M, ends_moved
 from nets.reconstruct.fibres.search.growth import REMOVED_LINE_FACTOR
 from warp_caustics.prints.model import HEIGHT, WIDTH

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import FEW_PHOTONS_PER_PIXEL, FINE_PHOTONS_PER_PIXEL, Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import FEW_PHOTONS_PER_PIXEL, FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.search.drops import with_drops_apart

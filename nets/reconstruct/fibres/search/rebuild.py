@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted, ImageFit
+from nets.reconstruct.fibres.image.descent import Fitted
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.on_others import descended
 from nets.reconstruct.fibres.search.clearing import Place, clearings, reaching, within
 from nets.reconstruct.fibres.search.ends import ends_near, left_out_at, without

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Fitted
+from nets.reconstruct.fibres.image.descent import Fitted
 
 
 def while_better(move: Callable[[torch.Tensor], Fitted | None], lines: torch.Tensor, rounds: int) -> Fitted | None:

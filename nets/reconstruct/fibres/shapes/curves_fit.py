@@ -4,6 +4,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
+from nets.reconstruct.fibres.image.descent import LOSS_SCALE
 from nets.reconstruct.fibres.image.descent_numbers import SECTION, STEPS, numbers_of, shape_of
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from warp_caustics.prints.chain_model import ChainModel
@@ -18,7 +19,6 @@ HELD_M = 3e-4
 """Standard deviation of what a node moves [m]: it keeps nodes from sliding along their line, which changes nothing."""
 TOGETHER_PX = 5.0
 """Pixels that err together: so many times less do they tell than if they were independent."""
-LOSS_SCALE = 1e3
 CONVERGED = 1e-5
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 import torch
 
+from nets.reconstruct.fibres.image.descent import LOSS_SCALE
 from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
@@ -38,7 +39,6 @@ ALSO_TRIED = 2.0
 plates with waves of 4 % and 50 um left 0.9 to 1.7 (curves and rings, which are no lines, as much and more)."""
 WAVES_FACTOR = 0.7
 """What is left of the image must fall by this factor for waves to be taken: they have hundreds of numbers."""
-LOSS_SCALE = 1e3
 CONVERGED = 1e-5
 
 

@@ -15,7 +15,8 @@ from nets.reconstruct.fibres.bench.line_posterior import (
     joint_covariance,
     misfit_weight,
 )
-from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.image.descent import Beside
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.trust.beliefs import times_less_known
 from nets.reconstruct.fibres.trust.stated_bench import stated_bench, stated_record

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.image.image_fit import Beside, ImageFit
+from nets.reconstruct.fibres.image.descent import Beside
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.search.moves import jump, shapes, stretches, suspects
 from tests.nets.reconstruct.cameras import blurring
