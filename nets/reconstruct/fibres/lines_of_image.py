@@ -8,13 +8,14 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
-from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench, fit_with_gap
+from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_blurring_lens,
     fit_through_lens,
     with_spread_of,
 )
+from nets.reconstruct.fibres.bench.gap_fits import fit_with_gap
 from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.lens_or_light import fit_through_lens_or_with_light
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light, fit_with_losses

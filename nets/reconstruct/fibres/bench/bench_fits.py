@@ -8,41 +8,35 @@ more than noise.
 """
 
 import dataclasses
-import math
 from collections.abc import Collection, Sequence
-from typing import Protocol
 
 import numpy as np
 import scipy  # loads its parts when they are first used
-import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER
-from nets.reconstruct.fibres.bench.less_believed import fit_together, gap_of_lines, is_other_glass, number_of_glass
+from nets.reconstruct.fibres.bench.gap_fits import (
+    AS_WELL,
+    BENCH_GAIN,
+    Run,
+    deviations_asked,
+    fit_with_every_number,
+    fit_with_gap,
+    fit_with_glass,
+    search_again,
+    told_by,
+)
+from nets.reconstruct.fibres.bench.less_believed import fit_together, is_other_glass
 from nets.reconstruct.fibres.bench.light_of_lines import losses_shown
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
-from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
+from nets.reconstruct.fibres.bench.run_state import kept_if_less
 from nets.reconstruct.fibres.bench.slant_or_shift import names_of_place, other_places
-from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import VERGENCE
-from warp_caustics.found_bench.bench_record import SIGNIFICANT
 
 LATER = (("dispersion_scale", *SLANTS, *BEND_LIGHT), BEND_LIGHT)
 """Numbers that are not asked at first, and not then."""
-ALL_AGAIN = True
 BENCH_ROUNDS = 2
 """In which bench and lines are found together, and lines then searched for on that bench."""
-BENCH_GAIN = 0.9
-"""A bench on which more than noise is left must lower the discrepancy by this factor to be kept."""
-AS_WELL = 1.002
-"""The same of fewer numbers, which explain an image as well."""
-UNLIKE, UNLIKE_BLURRED = 2e-3, 2.0
-"""Of flat light, that a picture of another size is simulated wrong by, root mean square, and the power by which that
-falls per pixel of blur: 0.15 to 0.23 % without, half behind 0.35 px, a fifth behind 0.8."""
-PULL = 23.0
-"""Deviations that this pulls gap, base and index aside by, where it is as much as the noise."""
 LEAST_LARGER_PX = 0.03
 """At the rim, by which a picture looks larger than it was told, for it to be asked whether it is."""
 AGAIN = 2
@@ -56,23 +50,6 @@ MOST = 0.5
 """Of what all numbers of a bench would explain, to second order, that fewer must to be asked before."""
 
 
-class Run(LinesRun, Protocol):
-    """Lines of one image so far."""
-
-    method: FibresOf
-    told: LinesView
-    hinted: float
-
-    def on(self, bench: Bench) -> LinesView:
-        """The image on a bench, with the camera that the lines tell there."""
-
-    def search(self, start: torch.Tensor, jumps: int) -> None:
-        """Lines searched for from others, shape [L, 6] [m]."""
-
-    def together(self, names: Collection[str] | None = None) -> BenchOfLines:
-        """Finds bench and lines with the camera so far, by some of the bench's numbers or all."""
-
-
 def in_turn(names: Collection[str]) -> list[tuple[str, ...]]:
     """Numbers that are asked together, more each time, the last time all: what moves a picture, colours and slants too.
 
@@ -83,51 +60,6 @@ def in_turn(names: Collection[str]) -> list[tuple[str, ...]]:
     asked = [tuple(name for name in names if name not in later) for later in (*LATER, ())]
     counts = [len(each) for each in asked]
     return [each for each, after in zip(asked, [*counts[1:], last + 1], strict=True) if 0 < len(each) < after]
-
-
-def fit_with_gap(run: Run) -> None:
-    """Lines with gap, base and index as one number, where that is significantly other than told.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-    made: list[BenchOfLines] = []
-
-    def fit() -> float:
-        # Of another glass no index is as told.
-        found = gap_of_lines(run, deviations_asked(run, FARTHER if is_other_glass(run) else SIGNIFICANT))
-        if found is None:
-            return 0.0
-        together, nearer = found
-        made.append(together)
-        run.lines, run.bench = together.on(*nearer)
-        run.view = run.on(run.bench)
-        _search_again(run)
-        return 1.0 if run.view.is_explained(run.lines) else BENCH_GAIN
-
-    if kept_if_less(run, fit):
-        run.bench = made[0].with_sigma(run.bench, _told_by(run, made[0]))
-
-
-def fit_with_glass(run: Run) -> None:
-    """Lines with another index, where gap or base had made up for it before the glass's dispersion was found.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-    made: list[BenchOfLines] = []
-
-    def fit() -> float:
-        found = number_of_glass(run)
-        if found is None:
-            return 0.0
-        together, (run.lines, run.bench) = found
-        made.append(together)
-        run.view = run.on(run.bench)
-        return AS_WELL if run.view.is_explained(run.lines) else BENCH_GAIN
-
-    if kept_if_less(run, fit):
-        run.bench = made[0].with_sigma(run.bench, _told_by(run, made[0]))
 
 
 def fit_with_bench(run: Run) -> None:
@@ -153,63 +85,19 @@ def fit_with_bench(run: Run) -> None:
         if is_first(run):
             # Lines were already where all numbers together leave least.
             together = run.together()
-            _told_by(run, together)
+            told_by(run, together)
         if together is not None:
             together = fit_with_other_place(run) or together
             _fit_with_fewer(run, together)
         if not set(BEND_LIGHT) & set(run.asked):
             fit_with_gap(run)
         fit_with_glass(run)
-        if ALL_AGAIN:
-            fit_with_every_number(run)
-
-
-def fit_with_every_number(run: Run) -> None:
-    """Lines with all numbers once more, where gap, base or index were found to be other than told.
-
-    Few numbers that are found, and all others as told, are what explains an image on a bench that nearly is as told. Of
-    one that is not, no number need be: gap, base and index share what sends light farther as they are believed.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-    before = run.numbers.before
-    if all(run.bench.values.get(name) == before.get(name) for name in BEND_LIGHT):
-        return
-    together = run.together()
-
-    def fit() -> float:
-        run.lines, run.bench = together(run.lines, run.bench)
-        run.view = run.on(run.bench)
-        return 1.0
-
-    if kept_if_less(run, fit):
-        _told_by(run, together)
+        fit_with_every_number(run)
 
 
 def is_first(run: Run) -> bool:
     """Whether a bench was found without lines, and these were not asked for it yet."""
     return run.is_elsewhere and run.covariance is None
-
-
-def deviations_asked(run: Run, usual: float) -> float:
-    """Standard deviations that gap, base and index must be away to be asked.
-
-    More than usual of lines that explain a picture of another size, by what that is simulated wrong by. Light that
-    went to so many pixels is simulated as such, but for a rest that is resampled
-    (:class:`~warp_caustics.reconstruct.seen_camera.point_spread.FineLight`), and what was measured is brought back:
-    three lines that left nothing but noise of a picture 1 % too large asked for a gap 27 um wider, by 133 squared
-    deviations, when that made half of their noise. Where they were never asked for, lines on ordinary random benches,
-    whose pictures looked 0.03 to 0.4 % too large, kept a gap 80 um too narrow, and were 10 to 30 um off.
-
-    Args:
-        run: lines so far.
-        usual: deviations.
-    """
-    if not (run.numbers.is_picture and run.view.is_explained(run.lines)):
-        return usual
-    wrong = UNLIKE * math.exp(-UNLIKE_BLURRED * float(run.view.camera.blur.min()))
-    return usual + PULL * wrong / (run.view.noise * max(1.0, run.view.left(run.lines) or 1.0))
 
 
 def asked_next(run: Run, some: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...] | None, list[tuple[str, ...]]]:
@@ -260,31 +148,16 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
             enough = _enough(run, view.is_explained(before))
             if not has_valley and (was is None or now is None or not now < enough * was):
                 return 0.0
-            _search_again(run)
+            search_again(run)
             return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
 
         if not kept_if_less(run, fit):
             break
         found = made[0]
-        _told_by(run, found)
+        told_by(run, found)
         if run.view.is_explained(run.lines):
             break
     return found
-
-
-def _search_again(run: Run) -> None:
-    """Lines searched for once more where they leave more than noise, in the mean or somewhere; the better are kept.
-
-    On another bench a line may end elsewhere that did not, or went beyond the plate, on the one it was found on: one of
-    eleven whose end lay outside left noise in the mean, and by 0.4 % of uneven light all others were 1 um off.
-    """
-    if run.view.is_settled(run.lines):
-        return
-    kept, was = (run.lines, run.model.shape), run.view.left(run.lines)
-    run.search(run.lines, 1)
-    now = run.view.left(run.lines)
-    if was is not None and now is not None and now >= was:
-        run.lines, run.model.shape = kept
 
 
 def _enough(run: Run, is_explained: bool) -> float:
@@ -327,12 +200,12 @@ def _fit_with_other_size(run: Run) -> BenchOfLines | None:
         made.append(run.together(in_turn(others.names)[0]))
         run.lines, run.bench = made[0](run.lines, start)
         run.view = run.on(run.bench)
-        _search_again(run)
+        search_again(run)
         return 1.0
 
     if not kept_if_less(run, fit):
         return None
-    _told_by(run, made[0])
+    told_by(run, made[0])
     is_done = run.view.is_explained(run.lines)
     return made[0] if is_done else _fit_with_numbers(run, others.names) or made[0]
 
@@ -352,7 +225,7 @@ def fit_with_other_place(run: Run) -> BenchOfLines | None:
             return _least_gain(run) if run.view.is_explained(run.lines) else 0.0
 
         if kept_if_less(run, fit):
-            _told_by(run, together)
+            told_by(run, together)
             return together
     return None
 
@@ -374,7 +247,7 @@ def _fit_with_fewer(run: Run, together: BenchOfLines) -> None:
         return AS_WELL if run.view.is_explained(run.lines) else 0.0
 
     if kept_if_less(run, fit):
-        _told_by(run, fewer)
+        told_by(run, fewer)
         run.bench = dataclasses.replace(run.bench, sigma={**sigma, **run.bench.sigma})
 
 
@@ -403,10 +276,3 @@ def differing(together: BenchOfLines, bench: Bench, covariance: JointCovariance)
             break
         as_told = tried[least]
     return tuple(name for k, name in enumerate(numbers.names) if k not in as_told)
-
-
-def _told_by(run: Run, together: BenchOfLines) -> JointCovariance:
-    """The covariance of lines and bench that were found together, which is that of these numbers from now on."""
-    covariance = together.covariance(run.lines, run.bench)
-    run.covariance, run.counted, run.asked = covariance, run.lines, together.numbers.names
-    return covariance

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench import bench_fits, less_believed
+from nets.reconstruct.fibres.bench import bench_fits, gap_fits, less_believed
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench, bench_record, lit, seen_on
 from nets.reconstruct.fibres.bench.bench_fits import (
     asked_next,
-    deviations_asked,
     differing,
     fit_with_bench,
-    fit_with_gap,
     fit_with_other_place,
     in_turn,
 )
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
+from nets.reconstruct.fibres.bench.gap_fits import deviations_asked, fit_with_every_number, fit_with_gap
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.image.image_fit import ImageFit
@@ -210,7 +209,7 @@ def test_gap_and_base_of_a_picture_of_another_size_must_tell_more_than_is_simula
     assert asked_next(run, turns[-1:]) == (None, [])
     assert asked_next(run, turns)[0] == turns[0]
     asked = []
-    monkeypatch.setattr(bench_fits, "gap_of_lines", lambda run, significant: asked.append(significant))
+    monkeypatch.setattr(gap_fits, "gap_of_lines", lambda run, significant: asked.append(significant))
     fit_with_gap(run)
     assert asked == [deviations_asked(run, SIGNIFICANT)]
     said = 200.0
@@ -242,6 +241,31 @@ def test_another_glass_is_found_by_its_colours_and_then_its_index(model):
     assert run.bench.values["index_offset"] == pytest.approx(0.0583, abs=0.02), "as so small an image tells it"
     assert run.bench.values["gap_m"] == NUMBERS.before["gap_m"]
     assert error_um(model, run.lines) < 0.35 * before
+
+
+def test_a_gap_that_stands_for_base_and_index_is_not_held_back_by_them(model):
+    """Light goes farther by all three; of a gap alone, found half of the way, all numbers together go on."""
+    other = {"gap_m": 5e-5, "base_thickness_m": 3.02e-3, "index_offset": 7e-4}
+    image = photographed(model, bench_with(**other))
+    run = run_with(model, image, LINES)
+    run.numbers = less_believed.less_believed(NUMBERS, bench_with(gap_m=6e-5))
+    run.bench = bench_with(gap_m=3e-5)
+    run.lines, _ = run.together().on(LINES, run.bench)
+    run.view = run.on(run.bench)
+    before, left = error_um(model, run.lines), run.view.left(run.lines)
+    fit_with_every_number(run)
+    assert run.view.left(run.lines) < left and set(run.asked) == set(NUMBERS.names)
+    assert error_um(model, run.lines) < 0.5 * before
+
+
+@pytest.mark.parametrize("glass", [{}, {"index_offset": 0.05, "dispersion_scale": 0.0}])
+def test_a_bench_as_told_and_another_glass_are_left_as_they_were_found(model, glass):
+    run = run_with(model, photographed(model, bench_with()), LINES)
+    run.bench = replace(bench_with(screen_x_m=1e-5, **glass), sigma={"dispersion_scale": 0.1})
+    run.together = lambda names=None: pytest.fail("asked")
+    bench = run.bench
+    fit_with_every_number(run)
+    assert run.bench is bench
 
 
 def test_light_that_is_uneven_needs_no_other_bench(model):
