@@ -130,3 +130,7 @@ def _terminate(number: int, restore: Restore) -> None:
 def _report(message: str, code: int) -> int:
     click.echo(f"error: {' '.join(message.split())}", err=True)
     return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
