@@ -8,15 +8,15 @@ from typing import Any
 import torch
 
 _KEEPERS: dict[tuple[int, int], torch.cuda.CUDAGraph] = {}
-"""Of each GPU and thread a graph that keeps the memory in which all others there are recorded."""
+"""Of each GPU and thread a graph that keeps the memory which others there share."""
 
 
 def _shared_memory() -> Any:
-    """Of the graphs of this thread on the current GPU.
+    """Of graphs of this thread on the current GPU.
 
-    Each would keep what its launches need for itself: 4 GiB of 8 on a plate of sixteen lines, whose descents record a
-    graph for each bench they look at. Graphs of one thread are replayed one after the other, and what they return is
-    copied before the next; a pool without graphs is lost, so that one that does nothing stays.
+    Each would keep what its launches need for itself, and descents record one for each bench they look at: on a plate
+    of twenty lines whose bench had to be found 4.2 GiB were in use at most, and 8.3 reserved. Graphs of one thread are
+    replayed one after the other. A pool without graphs is lost, so that one that does nothing stays.
     """
     key = torch.cuda.current_device(), threading.get_ident()
     if key not in _KEEPERS:
@@ -27,11 +27,12 @@ def _shared_memory() -> Any:
     return _KEEPERS[key].pool()
 
 
-def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
-    """The launches of a call as a graph, and what it returns: tensors that each replay overwrites, of any graph.
+def recorded(call: Callable[[], Any], *, is_copied: bool = False) -> tuple[torch.cuda.CUDAGraph, Any]:
+    """The launches of a call as a graph, and what it returns: tensors that each replay overwrites.
 
     Args:
         call: only launches GPU work; it has run before, so that its kernels are loaded.
+        is_copied: what a replay finds is copied before the next one of any graph, so that its memory may be theirs.
     """
     graph = torch.cuda.CUDAGraph()
     torch.cuda.synchronize()
@@ -40,7 +41,8 @@ def recorded(call: Callable[[], Any]) -> tuple[torch.cuda.CUDAGraph, Any]:
     # can wait: to look for it takes longer than to record.
     gc.disable()
     try:
-        with torch.cuda.graph(graph, pool=_shared_memory(), capture_error_mode="thread_local"):
+        pool = _shared_memory() if is_copied else None
+        with torch.cuda.graph(graph, pool=pool, capture_error_mode="thread_local"):
             output = call()
     finally:
         if was_enabled:
@@ -60,7 +62,7 @@ class CudaGraph:
     def __init__(self, call: Callable[..., torch.Tensor], inputs: tuple[torch.Tensor, ...]):
         self.inputs = tuple(torch.empty_like(tensor).copy_(tensor) for tensor in inputs)
         with torch.no_grad():
-            self.graph, self.output = recorded(lambda: call(*self.inputs))
+            self.graph, self.output = recorded(lambda: call(*self.inputs), is_copied=True)
 
     def __call__(self, *inputs: torch.Tensor) -> torch.Tensor:
         """Result for these inputs, in memory of its own."""

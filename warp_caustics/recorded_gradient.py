@@ -47,7 +47,7 @@ class RecordedGradient:
         if simulator.device.type != "cuda" or not is_small or self._calls <= UNRECORDED:
             return self._call()
         if self._graph is None:
-            self._graph, self._found = recorded(self._call)
+            self._graph, self._found = recorded(self._call, is_copied=True)
         self._graph.replay()
         assert self._found is not None
         return DataGradient(*(each.clone() for each in self._found))
