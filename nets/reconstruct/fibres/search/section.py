@@ -23,7 +23,7 @@ NEARLY_HIGHEST, HIGHEST = 0.05, 0.0
 OVERLAPS = (1.0, 0.35, NEARLY_HIGHEST)
 """Lines add up where they cross, merge as in roots of sums of squares, or nearly, or the highest is nearly printed: one
 of these is near enough for descents to find what lies between. The highest itself is tried where it nearly is: q below
-0.02 prints the same, so that no descent finds a way from there."""
+0.02 prints the same, which descents see by what 0.02 prints only."""
 THICK_ENDS = 0.25, 1e-3
 """That are tried: share, and length [m]."""
 TRIAL_ITERATIONS = 8

@@ -19,7 +19,6 @@ from nets.reconstruct.fibres.search.section import NEARLY_HIGHEST, is_in_vain, w
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.prints.line import section_height
 from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
-from warp_caustics.prints.overlap import LEAST
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
@@ -265,12 +264,15 @@ def test_what_is_printed_where_lines_cross_is_found(overlap, tolerance):
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.15])
-def test_the_highest_itself_is_tried_where_it_is_nearly_printed(overlap):
-    """No descent finds a way to it or from it."""
-    model = model_of(1.0, 0.0, NEARLY_HIGHEST)
+def test_lines_of_which_nearly_the_highest_is_printed_are_told_from_others(overlap):
+    """From there descents go either way; what is printed of q = 0 and of 0.034 are the same to noise."""
+    model, truth = model_of(1.0, 0.0, NEARLY_HIGHEST), model_of(1.0, 0.0, overlap)
     fit = ImageFit(SCENE, seen(1.0, 0.0, overlap), model, 2 * N)
-    with_section_found(fit, LINES, moves=True)
-    assert (model.shape.overlap < LEAST) == (overlap == 0) and model.shape.overlap == pytest.approx(overlap, abs=0.03)
+    lines, _ = with_section_found(fit, LINES, moves=True)
+    assert model.shape.overlap == pytest.approx(overlap, abs=0.04)
+    error = model.heights(lines) - truth.heights(LINES)
+    assert 1e6 * float(error.square().mean().sqrt()) < 1.0
+    assert fit.loss(model.heights(lines)) <= fit.loss(truth.heights(LINES))
 
 
 def test_thicker_ends_are_found():
