@@ -277,3 +277,9 @@ def test_threads_that_wait_leave_cores_to_others(name, given, expected):
     code = f"import cli.main, os, sys; print(os.environ[{name!r}], 'torch' in sys.modules, 'numpy' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert ran.stdout.split() == [expected, "False", "False"]
+
+
+def test_the_module_is_the_command():
+    """It did nothing, without a word and with exit code 0."""
+    done = subprocess.run([sys.executable, "-m", "cli.main", "nonsense"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "No such command 'nonsense'" in done.stderr

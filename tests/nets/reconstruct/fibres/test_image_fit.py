@@ -1,11 +1,13 @@
 """The misfit of lines to an image, its derivatives, descents and jumps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 
 from nets.reconstruct.fibres.image.descent import Beside
-from nets.reconstruct.fibres.image.image_fit import ImageFit
+from nets.reconstruct.fibres.image.image_fit import ImageFit, reliefs_at_once
 from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength, of_wavelength
 from nets.reconstruct.fibres.search.moves import jump, shapes, stretches, suspects
 from tests.nets.reconstruct.cameras import blurring
@@ -163,3 +165,13 @@ def test_a_metric_does_not_mix_what_a_mirrored_image_keeps_apart():
     beside = Beside(torch.zeros(1, 3, 256, 256), np.zeros(1), 1.0)
     normal = fit.normal_matrix(heights, torch.stack([sideways, derivatives[5]]), beside)
     assert abs(float(normal[0, 1])) < 0.01 * float((normal[0, 0] * normal[1, 1]).sqrt())
+
+
+def test_a_small_gpu_simulates_fewer_reliefs_at_once(monkeypatch):
+    """Of 512 pixels and three wavelengths: as many as launches are worth, or as there is memory for."""
+    image = 3 * 512**2
+    assert reliefs_at_once(torch.device("cpu"), 128, image) == 16
+    for memory_gib, most in ((80, 256), (8, 42), (0.1, 1)):
+        card = SimpleNamespace(total_memory=int(memory_gib * 2**30))
+        monkeypatch.setattr(torch.cuda, "get_device_properties", lambda device, card=card: card)
+        assert reliefs_at_once(torch.device("cuda"), 128, image) == most

@@ -248,8 +248,7 @@ def test_a_section_between_those_that_are_tried_is_found(monkeypatch):
 
 def test_a_cosine_stays_one_where_it_is_the_section():
     model = LineModel(SCENE)
-    search = LineSearch(SCENE, seen(1.0), model, 2 * N, jumps=0, finds_section=True)
-    search.run(LINES + OFF)
+    LineSearch(SCENE, seen(1.0), model, 2 * N, jumps=0, finds_section=True).run(LINES + OFF)
     assert model.shape == Shape(1.0)
 
 
@@ -266,13 +265,12 @@ def test_what_is_printed_where_lines_cross_is_found(overlap, tolerance):
 @pytest.mark.parametrize("overlap", [0.0, 0.15])
 def test_lines_of_which_nearly_the_highest_is_printed_are_told_from_others(overlap):
     """From there descents go either way; what is printed of q = 0 and of 0.034 are the same to noise."""
-    model, truth = model_of(1.0, 0.0, NEARLY_HIGHEST), model_of(1.0, 0.0, overlap)
+    model, truth = model_of(1.0, 0.0, NEARLY_HIGHEST), model_of(1.0, 0.0, overlap).heights(LINES)
     fit = ImageFit(SCENE, seen(1.0, 0.0, overlap), model, 2 * N)
     lines, _ = with_section_found(fit, LINES, moves=True)
     assert model.shape.overlap == pytest.approx(overlap, abs=0.04)
-    error = model.heights(lines) - truth.heights(LINES)
-    assert 1e6 * float(error.square().mean().sqrt()) < 1.0
-    assert fit.loss(model.heights(lines)) <= fit.loss(truth.heights(LINES))
+    assert 1e6 * float((model.heights(lines) - truth).square().mean().sqrt()) < 1.0
+    assert fit.loss(model.heights(lines)) <= fit.loss(truth)
 
 
 def test_thicker_ends_are_found():
