@@ -98,7 +98,9 @@ class Case:
 
     def record(self) -> dict[str, Any]:
         """Everything that decides truth and image, as JSON values."""
-        return {
+        # Images through a lens that acted on pixels are others.
+        lens = {} if self.camera is None else {"lens": "before the pixels"}
+        return lens | {
             "suite": self.suite,
             "row": self.row,
             "title": self.title,

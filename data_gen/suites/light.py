@@ -12,6 +12,8 @@ import torch
 from data_gen.dataset_config import PhotonConfig, sample_seed
 from data_gen.samples import Reliefs
 from data_gen.suites.case import Case
+from data_gen.suites.lens import FINENESS as LENS_FINENESS
+from data_gen.suites.lens import lens_moves, through_lens
 from data_gen.suites.odd_prints import printed
 from data_gen.suites.picture_size import FINENESS, means_of_picture
 from warp_caustics.height_field import cell_centres
@@ -53,7 +55,10 @@ class Light:
         self._simulators: OrderedDict[str, CausticSimulator] = OrderedDict()
 
     def behind_plate(self, case: Case, heights_m: FloatArray) -> ImageArray:
-        """Irradiance behind a relief [W/m^2], shape [n_w, m, m]; heights [m], shape [n, n]."""
+        """Irradiance behind a relief [W/m^2], shape [n_w, m, m]; heights [m], shape [n, n].
+
+        Of a case with a camera as its lens shows it: displaced and blurred.
+        """
         photons = case.photons
         if self.n_photons is not None:
             photons = photons.model_copy(update={"n_photons": self.n_photons})
@@ -67,6 +72,10 @@ class Light:
     def _channels(self, case: Case, photons: PhotonConfig, heights_m: FloatArray) -> ImageArray:
         if case.condition.scaled:
             return self._other_sizes(case, photons, heights_m)
+        if case.camera is not None:
+            fine = [finer(scene, LENS_FINENESS) for scene in channel_scenes(case)]
+            light = np.concatenate([self._shot(scene, photons, case, heights_m) for scene in fine])
+            return through_lens(light, case.camera)
         images = [self._shot(scene, photons, case, heights_m) for scene in channel_scenes(case)]
         return np.concatenate(images)
 
@@ -75,8 +84,7 @@ class Light:
         found = []
         pixels, bright = case.scene.image_pixels, case.scene.radiosity_W_m2
         for channel, (scene, by) in enumerate(zip(one_by_one(case), case.condition.scaled, strict=True)):
-            fine = scene.model_copy(update={"image_pixels": FINENESS * pixels})
-            light = self._shot(fine, photons, case, heights_m)[0] / bright[channel]
+            light = self._shot(finer(scene, FINENESS), photons, case, heights_m)[0] / bright[channel]
             found.append(bright[channel] * means_of_picture(light, pixels, 1 + by))
         return np.asarray(found, np.float32)
 
@@ -98,35 +106,47 @@ class Light:
         return self._simulators[key]
 
 
+def finer(scene: Scene, times: int) -> Scene:
+    """The same on pixels so many times as fine."""
+    return scene.model_copy(update={"image_pixels": times * scene.image_pixels})
+
+
 def channel_scenes(case: Case) -> list[Scene]:
     """Scenes whose images, one after another, are those of the case's wavelengths.
 
-    One scene if all wavelengths share a screen; otherwise one for each. Channels that lie apart come from a screen that
-    is moved sideways, so that nothing is resampled.
+    One scene if all wavelengths share a screen; otherwise one for each. What lies aside comes from a screen that is
+    moved sideways, so that nothing is resampled.
     """
-    return one_by_one(case) if channel_moves(case).any() else [case.scene]
+    moves = channel_moves(case)
+    return [_moved(case.scene, moves[0])] if (moves == moves[0]).all() else one_by_one(case)
 
 
 def one_by_one(case: Case) -> list[Scene]:
     """A scene for each of the case's wavelengths, on a screen where that channel's picture lies."""
-    scene, moves = case.scene, channel_moves(case)
-    x, y, z = scene.screen_position_m
-    size_x, size_y = scene.pixel_size_m
-    found = []
-    for channel, (along_x, along_y) in enumerate(moves.tolist()):
-        changed: dict[str, object] = {
+    scene, found = case.scene, []
+    for channel, move in enumerate(channel_moves(case)):
+        alone = {
             "wavelengths_m": (scene.wavelengths_m[channel],),
             "radiosity_W_m2": (scene.radiosity_W_m2[channel],),
-            "screen_position_m": (x + along_x * size_x, y + along_y * size_y, z),
         }
-        found.append(Scene.model_validate(scene.model_dump() | changed))
+        found.append(_moved(Scene.model_validate(scene.model_dump() | alone), move))
     return found
 
 
+def _moved(scene: Scene, move: FloatArray) -> Scene:
+    """With the screen moved sideways [px]."""
+    if not move.any():
+        return scene
+    x, y, z = scene.screen_position_m
+    size_x, size_y = scene.pixel_size_m
+    position = (x + float(move[0]) * size_x, y + float(move[1]) * size_y, z)
+    return Scene.model_validate(scene.model_dump() | {"screen_position_m": position})
+
+
 def channel_moves(case: Case) -> FloatArray:
-    """Where the screen of each wavelength is moved to by the case's condition [px], shape [n_w, 2]."""
+    """Where the screen of each wavelength is moved to by the case's condition or camera [px], shape [n_w, 2]."""
     condition, count = case.condition, case.scene.n_wavelengths
-    moves = np.zeros((count, 2))
+    moves = np.zeros((count, 2)) if case.camera is None else lens_moves(case.camera, count)
     if condition.apart_px:
         angles = bench_angles(case)
         for channel in condition.moved:

@@ -9,6 +9,7 @@ import torch
 from data_gen.dataset_config import sample_seed
 from data_gen.suites.case import Case
 from data_gen.suites.conditions import seen
+from data_gen.suites.lens import behind_lens
 from data_gen.suites.light import ImageArray, Light, bench_angles, true_heights
 from warp_caustics.camera.operator import Camera
 from warp_caustics.camera.photographs import FULL_SCALE, Photographs, photographs
@@ -76,11 +77,11 @@ def photographed(case: Case, image: ImageArray, flat: ImageArray) -> Photographs
 
     Args:
         case: with a camera.
-        image: irradiance behind the plate [W/m^2], shape [n_w, m, m].
+        image: irradiance behind the plate, as the camera's lens shows it [W/m^2], shape [n_w, m, m].
         flat: the same without relief.
     """
     assert case.camera is not None
-    camera = Camera(case.camera, case.scene)
+    camera = Camera(behind_lens(case.camera), case.scene)
     seed = sample_seed(case.plate.fingerprint, "camera", case.plate.number)
     return photographs(camera, torch.from_numpy(image), torch.from_numpy(flat), seed)
 

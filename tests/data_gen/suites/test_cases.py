@@ -185,9 +185,17 @@ def test_channels_apart_are_on_moved_screens():
     assert channel_scenes(of("one-thing", "nothing")) == [Scene()]
 
 
+def test_a_lens_that_shows_all_aside_is_one_moved_screen():
+    case = of("lab", "ordinary")
+    (scene,) = channel_scenes(case)
+    moved = np.array(scene.screen_position_m[:2]) / scene.pixel_size_m
+    np.testing.assert_allclose(moved, [-by for by in case.camera.shift_px], atol=1e-12)
+    assert scene.screen_position_m[2] == case.scene.screen_position_m[2]
+    np.testing.assert_allclose(np.hypot(*channel_moves(of("lab", "poor")).T), (0.3, 0.0, 0.3))
+
+
 def test_index_is_higher_at_every_wavelength():
     case = of("lab", "ordinary")
-    assert channel_scenes(case) == [case.scene]
     higher = np.array(case.scene.glass_indices) - case.told.glass_indices
     np.testing.assert_allclose(higher, 7e-4, atol=1e-12)
 

@@ -1,13 +1,18 @@
 """The image that a method gets of a case."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+import torch
 
 from data_gen.dataset_config import PhotonConfig
-from data_gen.suites.light import Light
+from data_gen.suites.light import Light, true_heights
 from data_gen.suites.shot import measured, photographed
 from data_gen.suites.suites import suite_cases
 from data_gen.testset import TEST_PHOTONS, field_images
+from warp_caustics.camera.config import CameraConfig
+from warp_caustics.camera.operator import Camera
 
 
 def of(suite, row):
@@ -96,3 +101,20 @@ def test_blur_keeps_light_and_shift_moves_it(light):
     weighted = design * weight.ravel()[:, None]
     found = np.linalg.lstsq(weighted, phase.ravel() * weight.ravel(), rcond=None)[0]
     assert np.hypot(*found) == pytest.approx(1, abs=0.1)
+
+
+def test_a_lens_shows_the_picture_where_its_camera_does(light):
+    """As the camera's own operator places it, but for what that loses of the finest parts; not the other way."""
+    case = of("lab", "ordinary")
+    away = case.camera.model_copy(update={"shift_px": tuple(20 * by for by in case.camera.shift_px)})
+    heights = true_heights(case)
+    found = light.behind_plate(dataclasses.replace(case, camera=away), heights)
+    plain = torch.from_numpy(light.behind_plate(dataclasses.replace(case, camera=None), heights))
+    placing = {name: getattr(away, name) for name in ("psf_px", "shift_px")}
+
+    def off(sign: float) -> float:
+        moved = tuple(sign * by for by in away.shift_px)
+        seen = Camera(CameraConfig(**placing | {"shift_px": moved}), case.scene)(plain).numpy()
+        return float(np.sqrt(np.mean((seen - found)[:, 8:-8, 8:-8] ** 2)))
+
+    assert off(1.0) < 0.1 * off(-1.0)
