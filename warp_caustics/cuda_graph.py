@@ -9,6 +9,8 @@ import torch
 
 _KEEPERS: dict[tuple[int, int], torch.cuda.CUDAGraph] = {}
 """Of each GPU and thread a graph that keeps the memory which others there share."""
+_STREAMS: dict[int, torch.cuda.Stream] = {}
+"""Of each GPU the one that graphs are recorded on."""
 
 
 def _shared_memory() -> Any:
@@ -21,10 +23,18 @@ def _shared_memory() -> Any:
     key = torch.cuda.current_device(), threading.get_ident()
     if key not in _KEEPERS:
         keeper = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(keeper, capture_error_mode="thread_local"):
+        with _recording(keeper):
             torch.zeros(1, device="cuda")
         _KEEPERS[key] = keeper
     return _KEEPERS[key].pool()
+
+
+def _recording(graph: torch.cuda.CUDAGraph, pool: Any = None) -> torch.cuda.graph:
+    """Records on a stream of the current GPU: without one torch takes that of the first on which any was recorded."""
+    device = torch.cuda.current_device()
+    if device not in _STREAMS:
+        _STREAMS[device] = torch.cuda.Stream(device)
+    return torch.cuda.graph(graph, pool=pool, stream=_STREAMS[device], capture_error_mode="thread_local")
 
 
 def recorded(call: Callable[[], Any], *, is_copied: bool = False) -> tuple[torch.cuda.CUDAGraph, Any]:
@@ -42,7 +52,7 @@ def recorded(call: Callable[[], Any], *, is_copied: bool = False) -> tuple[torch
     gc.disable()
     try:
         pool = _shared_memory() if is_copied else None
-        with torch.cuda.graph(graph, pool=pool, capture_error_mode="thread_local"):
+        with _recording(graph, pool):
             output = call()
     finally:
         if was_enabled:
