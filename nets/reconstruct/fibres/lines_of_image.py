@@ -114,6 +114,8 @@ class LinesOfImage:
         self.asked: Collection[str] = self.numbers.names
         self.hinted = 0.0
         """Share by which light goes farther than on the bench, as lines hint but do not tell."""
+        self.told_share: tuple[float, float] | None = None
+        """Share by which light goes farther than on the bench, and its standard deviation, where lines were asked."""
         self.waves: WavyLines | None = None
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None

@@ -16,9 +16,11 @@ from nets.reconstruct.bench_search import BenchSearch
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.fibres.after_lines import after_lines
+from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.fibres.trust.beliefs import told_together
+from nets.reconstruct.fibres.trust.told_bench import ToldBench, told_bench
 from nets.reconstruct.refinement import Refinement
 from nets.reconstruct.with_bench import with_bench
 from nets.reconstruct.with_causes import with_causes
@@ -166,7 +168,8 @@ class Fibres(Reconstructor):
             found = with_causes(found, *run.shown_to(found), numbers, is_exact=is_exact)
         if self.options.bench_uncertainty:
             counted = () if run.covariance is None else told_together(run.asked)
-            found = with_bench(found, self.network.numbers, counted, self.options.flatness_m)
+            told = None if set(BEND_LIGHT) & set(counted) else _as_told(run)
+            found = with_bench(found, self.network.numbers, counted, self.options.flatness_m, told)
         return self.network.asked[0].grid.result(with_doubt(found))
 
     @cached_property
@@ -247,3 +250,10 @@ class Fibres(Reconstructor):
         timings, counters = run.timings, run.counters | {"explained_by": "network"}
         told = after_lines(found, log.history, run.seconds, timings, counters)
         return dataclasses.replace(told, method=self.name, settings=found.settings | self.options.model_dump())
+
+
+def _as_told(run: LinesOfImage) -> ToldBench | None:
+    """What lines tell of gap, base and index that are as told; None of lines that do not explain the image, or bend."""
+    if not (run.takes_lines and run.is_noise_left) or run.curves is not None or run.waves is not None:
+        return None
+    return told_bench(run.told_share, run.numbers, run.bench, run.relief())

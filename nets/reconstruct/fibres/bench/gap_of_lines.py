@@ -15,6 +15,7 @@ the image tells hardly, and their joint covariance says so.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -44,6 +45,8 @@ ITERATIONS = 10
 """Of L-BFGS at each D, from the lines at its neighbour: heights that followed are nearly right."""
 LEFT_OVER = 1e-4
 """Of a step that no number of the bench need take: that of rounding."""
+MOST_SHARED = 5
+"""Times that what is left of a way is shared between gap, base and index."""
 MOST_MOVES = 4
 """Of the last parabola, until its middle is its least."""
 VALLEYS, FARTHER = 2, 1.0
@@ -125,6 +128,31 @@ def along(numbers: BenchNumbers, bench: Bench, share: float, first: str | None =
     return Bench(values, bench.field, bench.sigma)
 
 
+def likeliest(numbers: BenchNumbers, bench: Bench) -> Bench:
+    """The bench on which light goes as far, with gap, base and index by what is believed of them.
+
+    Each takes the part of the way at which the sum of the squares of their deviations from what was told is least,
+    d_k = a_k w_k^2 / sum_j (a_j w_j)^2 of it, with a_k its slope and w_k its width; one at its limit stays there.
+
+    Args:
+        numbers: that are looked for.
+        bench: where to start.
+    """
+    there = ThinRelief.of(numbers.scene_of(bench.values)).linear
+    free = [p for p in numbers.parameters if p.name in BEND_LIGHT]
+    at = dataclasses.replace(bench, values={**bench.values, **{p.name: numbers.before[p.name] for p in free}})
+    for _ in range(MOST_SHARED):
+        rest = there - ThinRelief.of(numbers.scene_of(at.values)).linear
+        slopes = {p.name: by_number(numbers, at, p) for p in free}
+        whole = sum((slopes[p.name] * p.prior) ** 2 for p in free)
+        if not free or abs(rest) <= LEFT_OVER * there:
+            break
+        moved = {p.name: at.values[p.name] + rest * slopes[p.name] * p.prior**2 / whole for p in free}
+        at = dataclasses.replace(at, values={**at.values, **numbers.within(moved)})
+        free = [p for p in free if at.values[p.name] == moved[p.name]]
+    return at
+
+
 def vertex(left: Trial, middle: Trial, right: Trial) -> tuple[float, float]:
     """Share at which the parabola through three trials is least, between the outer ones; and its second derivative."""
     to_left, to_right = middle.share - left.share, right.share - middle.share
@@ -150,6 +178,9 @@ class GapOfLines:
         self._channel = None if is_quick else clearest_wavelength(together.image, together.numbers.scene)
         self.hinted = 0.0
         """Share of (n - 1) D by which the last search would have gone, had that been significant."""
+        self.told: tuple[float, float] | None = None
+        """Share of (n - 1) D, and its standard deviation, by which light goes farther than on the bench the last search
+        started from, by a parabola; None where it told nothing."""
 
     def fit_on(self, bench: Bench) -> ImageFit:
         """The misfit on a bench: all pixels, since fewer look like another bench.
@@ -199,18 +230,21 @@ class GapOfLines:
         fit, heights = self.fit_on(bench), self.model.heights(lines)
         fit.correct_at(heights)
         loss = fit.loss(heights)
-        weight = misfit_weight(fit, loss)
+        weight, asked = misfit_weight(fit, loss), min(significant, HINTING)
         search = _Valley(self, bench, weight, fit.missing)
         given = Trial(0.0, bench, lines, self.model.shape, loss + search.believed(bench))
         # Lines have descended here, on all wavelengths; those that descend on one a step away seldom leave less.
         sides = [search.trial(given, side * FIRST_STEP, ASKING_ITERATIONS) for side in (-1, 1)]
-        if min(side.loss for side in sides) >= given.loss:
+        if min(side.loss for side in sides) >= given.loss and not self._lies_between(sides, given, weight, asked):
             return None
         start = search.trial(given, 0.0)
         best = min((start, *sides), key=lambda each: each.loss)
-        if best is start:
+        if best is not start:
+            left, middle, right = search.bracket(start, best)
+        elif self._lies_between(sides, start, weight, asked):
+            (left, right), middle = sides, start
+        else:
             return None
-        left, middle, right = search.bracket(start, best)
         if not math.isfinite(left.loss + right.loss):
             return None
         least, curvature = vertex(left, middle, right)
@@ -219,7 +253,8 @@ class GapOfLines:
         middle = min(middle, search.trial(middle, least), key=lambda each: each.loss)
         left, middle, right = search.around(middle, max(LEAST_WIDTH, math.sqrt(weight / curvature)))
         least, curvature = vertex(left, middle, right)
-        asked = min(significant, HINTING)
+        if curvature > 0:
+            self.told = least, math.sqrt(weight / curvature)
         if curvature <= 0 or abs(least) <= asked * math.sqrt(weight / curvature):
             return None
         # Descents on the way have moved lines that were not yet right: the bench they came from has its share of that.
@@ -231,6 +266,20 @@ class GapOfLines:
             self.hinted = least
             return None
         return search.moved(middle, least)
+
+    def _lies_between(self, sides: Sequence[Trial], here: Trial, weight: float, asked: float) -> bool:
+        """Whether the least lies between two trials, of which neither is better than one in the middle, and not there.
+
+        Gaps 10 um wider left 4 and 6 deviations less a third of a step away, and more a step away.
+        """
+        left, right = sides
+        if not math.isfinite(left.loss + right.loss):
+            return False
+        least, curvature = vertex(left, here, right)
+        if curvature <= 0:
+            return False
+        self.told = least, math.sqrt(weight / curvature)
+        return abs(least) > asked * self.told[1]
 
 
 def with_valley(together: BenchOfLines, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:

@@ -64,6 +64,8 @@ class Run(Protocol):
     numbers: BenchNumbers
     hinted: float
     """Share of (n - 1) D by which light goes farther than on the bench, as lines hint."""
+    told_share: tuple[float, float] | None
+    """The same, significant or not, and its standard deviation; None where lines were not asked."""
 
     def on(self, bench: Bench) -> LinesView:
         """The image on a bench, with the camera that the lines tell there."""
@@ -114,6 +116,7 @@ def gap_of_lines(run: Run, significant: float = SIGNIFICANT) -> tuple[BenchOfLin
     valley = GapOfLines(together)
     found = valley(run.lines, run.bench, significant=significant)
     run.hinted = valley.hinted if abs(valley.hinted) > LEAST_HINT else 0.0
+    run.told_share = valley.told
     if found is None:
         run.numbers = before
         return None
