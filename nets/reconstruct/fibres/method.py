@@ -256,4 +256,7 @@ def _as_told(run: LinesOfImage) -> ToldBench | None:
     """What lines tell of gap, base and index that are as told; None of lines that do not explain the image, or bend."""
     if not (run.takes_lines and run.is_noise_left) or run.curves is not None or run.waves is not None:
         return None
-    return told_bench(run.told_share, run.numbers, run.bench, run.relief())
+    told = run.told_share
+    if told is not None and run.hinted:
+        told = 0.0, told[1]  # heights are as uncertain as the hint says already
+    return told_bench(told, run.numbers, run.bench, run.relief())

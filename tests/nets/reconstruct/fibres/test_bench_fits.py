@@ -19,6 +19,7 @@ from nets.reconstruct.fibres.bench.bench_fits import (
 )
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.gap_fits import deviations_asked, fit_with_every_number, fit_with_gap
+from nets.reconstruct.fibres.bench.gap_of_lines import likeliest
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.image.image_fit import ImageFit
@@ -256,6 +257,30 @@ def test_a_gap_that_stands_for_base_and_index_is_not_held_back_by_them(model):
     fit_with_every_number(run)
     assert run.view.left(run.lines) < left and set(run.asked) == set(NUMBERS.names)
     assert error_um(model, run.lines) < 0.5 * before
+
+
+@pytest.mark.parametrize(("thicker_m", "starts"), [(1.4e-4, 2), (3e-5, 1)])
+def test_a_base_that_was_taken_for_all_is_asked_again_with_its_likely_part(model, monkeypatch, thicker_m, starts):
+    """Five deviations of what is believed are unlikely, one is not; nothing is kept that leaves no less."""
+    run, asked = run_with(model, photographed(model, bench_with()), LINES), []
+    run.bench = bench_with(base_thickness_m=3e-3 + thicker_m)
+    run.numbers = less_believed.less_believed(NUMBERS, run.bench)
+    believed = run.numbers
+
+    def same(together, lines, bench):
+        asked.append((together.numbers, bench))
+        return lines, bench
+
+    monkeypatch.setattr(gap_fits, "with_valley", same)
+    bench = run.bench
+    fit_with_every_number(run)
+    assert len(asked) == starts and asked[0] == (believed, bench)
+    if starts == 2:
+        usual, likely = asked[1]
+        assert [p.prior for p in usual.parameters] == [p.prior for p in NUMBERS.parameters]
+        assert likely.values == likeliest(NUMBERS, bench).values
+        assert likely.values["gap_m"] > 7e-5 > 2.5e-5 > likely.values["base_thickness_m"] - 3e-3
+    assert run.numbers is believed
 
 
 @pytest.mark.parametrize("glass", [{}, {"index_offset": 0.05, "dispersion_scale": 0.0}])

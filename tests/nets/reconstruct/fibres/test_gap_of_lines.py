@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
-from nets.reconstruct.fibres.bench.gap_of_lines import FIRST_STEP, GapOfLines, Trial, along, on_other_bench, vertex
+from nets.reconstruct.fibres.bench.gap_of_lines import (
+    FARTHER,
+    FIRST_STEP,
+    GapOfLines,
+    Trial,
+    along,
+    by_number,
+    likeliest,
+    on_other_bench,
+    vertex,
+)
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -88,6 +98,57 @@ def test_a_bench_that_is_as_told_is_left_alone_after_a_step_to_either_side(model
     asked = []
     assert found(model, photographed(model), numbers(), asked.append) is None
     assert 0 < len(asked) < 50 and model.shape == Shape(1.0)
+
+
+def test_the_least_between_two_steps_is_looked_at(model):
+    """A third of a step wider: a step to either side leaves more than none."""
+    share = FIRST_STEP / 3
+    told = numbers(gap_m=4e-4, base_thickness_m=1e-6, index_offset=1e-6)
+    image = photographed(model, gap_m=1e-6 + share * ThinRelief.of(SCENE).linear / (SCENE.glass_indices[1] - 1))
+    wrong = on_told_bench(model, image)
+    search = GapOfLines(BenchOfLines(told, image, model, 2 * N, SHARP))
+    lines, bench = search(wrong, Bench.told(told), significant=FARTHER)
+    assert error_um(model, lines) < 0.6 * error_um(model, wrong)
+    assert search.told[0] == pytest.approx(share, abs=2 * search.told[1]) and 0 < search.told[1] < share
+    assert 0 < bench.values["gap_m"] - 1e-6 < FIRST_STEP * ThinRelief.of(SCENE).linear
+
+
+def test_what_lines_tell_of_a_bench_as_told_is_kept(model):
+    search = GapOfLines(BenchOfLines(numbers(), photographed(model), model, 2 * N, SHARP))
+    assert search.told is None
+    assert search(on_told_bench(model, photographed(model)), Bench.told(numbers())) is None
+    assert abs(search.told[0]) < 3 * search.told[1] < 3 * FIRST_STEP
+
+
+@pytest.mark.parametrize("alone", [{"base_thickness_m": 3.14e-3}, {"gap_m": 6.8e-5}, {"index_offset": -0.01}])
+def test_each_has_its_likely_part_of_the_way(alone):
+    """Of all benches with that (n - 1) D none has a smaller sum of squares of deviations; a gap is none below 0."""
+    told = numbers()
+    bench = dataclasses.replace(Bench.told(told), values={**Bench.told(told).values, **alone})
+    likely = likeliest(told, bench)
+    there, here = (ThinRelief.of(told.scene_of(each.values)).linear for each in (likely, bench))
+    assert there == pytest.approx(here, rel=2e-4)
+    free = [p for p in told.parameters if p.name in BEND_LIGHT]
+
+    def far(at):
+        return sum(((at.values[p.name] - told.before[p.name]) / p.prior) ** 2 for p in free)
+
+    assert far(likely) < far(bench)
+    for p in free:
+        for by in (-0.1 * p.prior, 0.1 * p.prior):
+            moved = dataclasses.replace(
+                likely, values=likely.values | told.within({p.name: likely.values[p.name] + by})
+            )
+            assert far(likely) <= far(back_on(told, moved, there, p.name)) + 1e-3
+    assert likely.values["gap_m"] >= 0
+
+
+def back_on(told, bench, linear, kept):
+    """A bench with the way of another, by one of the numbers that were not moved."""
+    other = next(p for p in told.parameters if p.name in BEND_LIGHT and p.name not in (kept, "gap_m"))
+    rest = linear - ThinRelief.of(told.scene_of(bench.values)).linear
+    value = bench.values[other.name] + rest / by_number(told, bench, other)
+    return dataclasses.replace(bench, values={**bench.values, other.name: value})
 
 
 def test_a_gap_that_is_known_is_not_looked_for(model):
