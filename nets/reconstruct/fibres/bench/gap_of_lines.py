@@ -235,8 +235,11 @@ class GapOfLines:
         given = Trial(0.0, bench, lines, self.model.shape, loss + search.believed(bench))
         # Lines have descended here, on all wavelengths; those that descend on one a step away seldom leave less.
         sides = [search.trial(given, side * FIRST_STEP, ASKING_ITERATIONS) for side in (-1, 1)]
-        if min(side.loss for side in sides) >= given.loss and not self._lies_between(sides, given, weight, asked):
-            return None
+        if min(side.loss for side in sides) >= given.loss:
+            # Sides that have descended and lines that have not make a valley look flat.
+            here = search.trial(given, 0.0, ASKING_ITERATIONS)
+            if not self._lies_between(sides, here, weight, asked):
+                return None
         start = search.trial(given, 0.0)
         best = min((start, *sides), key=lambda each: each.loss)
         if best is not start:
