@@ -237,17 +237,18 @@ class GapOfLines:
         sides = [search.trial(given, side * FIRST_STEP, ASKING_ITERATIONS) for side in (-1, 1)]
         if min(side.loss for side in sides) >= given.loss:
             # Sides that have descended and lines that have not make a valley look flat.
-            here = search.trial(given, 0.0, ASKING_ITERATIONS)
-            if not self._lies_between(sides, here, weight, asked):
+            self.told = told_between(sides, search.trial(given, 0.0, ASKING_ITERATIONS), weight)
+            if not _is_aside(self.told, asked):
                 return None
         start = search.trial(given, 0.0)
         best = min((start, *sides), key=lambda each: each.loss)
         if best is not start:
             left, middle, right = search.bracket(start, best)
-        elif self._lies_between(sides, start, weight, asked):
-            (left, right), middle = sides, start
         else:
-            return None
+            self.told = told_between(sides, start, weight)
+            if not _is_aside(self.told, asked):
+                return None
+            (left, right), middle = sides, start
         if not math.isfinite(left.loss + right.loss):
             return None
         least, curvature = vertex(left, middle, right)
@@ -270,19 +271,27 @@ class GapOfLines:
             return None
         return search.moved(middle, least)
 
-    def _lies_between(self, sides: Sequence[Trial], here: Trial, weight: float, asked: float) -> bool:
-        """Whether the least lies between two trials, of which neither is better than one in the middle, and not there.
 
-        Gaps 10 um wider left 4 and 6 deviations less a third of a step away, and more a step away.
-        """
-        left, right = sides
-        if not math.isfinite(left.loss + right.loss):
-            return False
-        least, curvature = vertex(left, here, right)
-        if curvature <= 0:
-            return False
-        self.told = least, math.sqrt(weight / curvature)
-        return abs(least) > asked * self.told[1]
+def told_between(sides: Sequence[Trial], here: Trial, weight: float) -> tuple[float, float] | None:
+    """Share at which the valley is least between two trials, and its standard deviation; None where they do not tell.
+
+    Gaps 10 um wider left 4 and 6 deviations less a third of a step away, and more a step away.
+
+    Args:
+        sides: of which neither leaves less than the one in the middle.
+        here: that.
+        weight: of :func:`~nets.reconstruct.fibres.bench.line_posterior.misfit_weight`.
+    """
+    left, right = sides
+    if not math.isfinite(left.loss + right.loss):
+        return None
+    least, curvature = vertex(left, here, right)
+    return (least, math.sqrt(weight / curvature)) if curvature > 0 else None
+
+
+def _is_aside(told: tuple[float, float] | None, deviations: float) -> bool:
+    """Whether a least lies more than so many deviations aside."""
+    return told is not None and abs(told[0]) > deviations * told[1]
 
 
 def with_valley(together: BenchOfLines, lines: torch.Tensor, bench: Bench) -> tuple[torch.Tensor, Bench]:

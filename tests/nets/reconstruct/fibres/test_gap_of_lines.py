@@ -17,6 +17,7 @@ from nets.reconstruct.fibres.bench.gap_of_lines import (
     by_number,
     likeliest,
     on_other_bench,
+    told_between,
     vertex,
 )
 from nets.reconstruct.fibres.image.image_fit import ImageFit
@@ -207,3 +208,16 @@ def test_vertex_of_a_parabola():
     assert vertex(at(0.1), at(0.3), at(0.9)) == (pytest.approx(0.4), pytest.approx(6.0))
     left, middle, right = at(0.0), at(FIRST_STEP), at(2 * FIRST_STEP)
     assert vertex(left, dataclasses.replace(middle, loss=9.0), right)[1] == 0.0
+
+
+def test_what_three_trials_tell():
+    """Of 2 + 3 (t - 0.1)^2 the least is at 0.1, and half a square of a deviation is a weight: 3 s^2 = w / 2."""
+
+    def at(share, loss=None):
+        value = 2 + 3 * (share - 0.1) ** 2 if loss is None else loss
+        return Trial(share, Bench({}, np.zeros(0)), LINES, Shape(1.0), value)
+
+    told = told_between((at(-0.5), at(0.5)), at(0.0), 0.06)
+    assert told == (pytest.approx(0.1), pytest.approx(0.1))
+    assert told_between((at(-0.5, np.inf), at(0.5)), at(0.0), 0.06) is None
+    assert told_between((at(-0.5), at(0.5)), at(0.0, 9.0), 0.06) is None

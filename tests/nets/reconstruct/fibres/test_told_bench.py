@@ -1,12 +1,14 @@
 """What lines tell of a bench that is as told, and what is believed of it, put together."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import numbers_of_lines
+from nets.reconstruct.fibres.method import _as_told
 from nets.reconstruct.fibres.trust.told_bench import AS_TOLD, told_bench
 from nets.reconstruct.with_bench import FLATNESS_M, with_bench
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -100,3 +102,19 @@ def test_what_was_counted_with_the_lines_is_not_counted_twice():
         dataclasses.asdict(counted)["counters"]
         == dataclasses.asdict(with_bench(found, NUMBERS, BEND_LIGHT))["counters"]
     )
+
+
+def run_with(**others):
+    known = {
+        "takes_lines": True, "is_noise_left": True, "curves": None, "waves": None, "told_share": (0.02, 0.001),
+        "hinted": 0.0, "numbers": NUMBERS, "bench": Bench.told(NUMBERS), "relief": hill,
+    }  # fmt: skip
+    return SimpleNamespace(**known | others)
+
+
+def test_lines_that_explain_an_image_tell_and_others_do_not():
+    told = _as_told(run_with())
+    assert (told.share, told.sigma) == (0.02, 0.001)
+    assert _as_told(run_with(hinted=0.02)).share == 0.0, "which is stated already"
+    for others in ({"takes_lines": False}, {"is_noise_left": False}, {"waves": 1}, {"curves": 1}, {"told_share": None}):
+        assert _as_told(run_with(**others)) is None, others
