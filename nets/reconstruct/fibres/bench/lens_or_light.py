@@ -4,7 +4,8 @@ A point spread with wide tails takes light from bright lines and lays it over ev
 bench that was found with 8 % of stray light, of 20, lines and a lens of tails left 0.98 times the noise, were 1.4 um
 off and stated 0.8: once there was that lens no stray light was missing any more, nor did any other number of the bench
 help. So where light alone would explain clearly more, both are asked, each by itself, and that which leaves less has
-the first word.
+the first word; light where they leave as much, which is fewer numbers: a point spread of 24 a channel took 5 % of stray
+light upon itself by weights that sharpen, 0.8 % below what light and a lens left, with lines three times as far off.
 """
 
 from collections.abc import Collection
@@ -19,6 +20,8 @@ from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light, tells_l
 from nets.reconstruct.fibres.bench.run_state import RunState
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+
+AS_MUCH = 1.01
 
 
 class Run(RunWithLight, RunWithCamera, Protocol):
@@ -51,7 +54,7 @@ def fit_through_lens_or_with_light(run: Run) -> None:
             return
         fit_through_lens(run)
         by_light, left = run.view.left(run.lines), by_lens.left
-        is_light = by_light is not None and left is not None and by_light < left
+        is_light = by_light is not None and left is not None and by_light < AS_MUCH * left
     finally:
         if not is_light:
             by_lens.put(run)

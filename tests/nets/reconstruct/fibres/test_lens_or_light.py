@@ -52,14 +52,19 @@ def run_with(model, stray, stray_found=0.0):
     return run
 
 
+def off(run):
+    """Root mean square of what heights are off by [m]."""
+    return (run.model.heights(run.lines) - run.model.heights(LINES)).square().mean().sqrt()
+
+
 def test_stray_light_is_not_a_lens(model):
-    """5 % where none was found: a camera alone leaves half as much again as noise, and hides what is stray."""
+    """5 % where none was found: weights that sharpen leave as little, on lines that are farther off."""
     by_lens, run = run_with(model, 0.05), run_with(model, 0.05)
     fit_through_lens(by_lens)
     fit_through_lens_or_with_light(run)
     assert run.bench.values[AMBIENT] > 0.03
-    assert run.view.left(run.lines) < 0.8 * by_lens.view.left(by_lens.lines)
-    assert run.view.is_explained(run.lines) and not by_lens.view.is_explained(by_lens.lines)
+    assert run.view.is_explained(run.lines)
+    assert off(run) < 0.7 * off(by_lens)
 
 
 def test_a_lens_is_not_stray_light(model):

@@ -13,8 +13,9 @@ from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
-from warp_caustics.reconstruct.seen_camera.point_spread import FINENESS, REACH, FineLight, PointSpread
-from warp_caustics.reconstruct.seen_camera.spread_estimate import equal_blur_px, found_spread
+from warp_caustics.reconstruct.seen_camera.pixel_means import PLACED
+from warp_caustics.reconstruct.seen_camera.point_spread import FINENESS, HALOS_PX, REACH, FineLight, PointSpread
+from warp_caustics.reconstruct.seen_camera.spread_estimate import TOLD, _Search, equal_blur_px, found_spread
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.simulator import CausticSimulator
 
@@ -74,6 +75,17 @@ def found_in(shown, fine, blur_px):
     return found_spread(Measurement(image, torch.ones_like(image), None), fine, camera)
 
 
+def speckled(shown, contrast, seed):
+    """Pixels of which neighbours share their noise."""
+    white = np.random.default_rng(seed).standard_normal(shown.shape)
+    grain = scipy.ndimage.gaussian_filter(white, (0, 1, 1))
+    return shown * torch.tensor(np.exp(contrast * grain / grain.std()))
+
+
+def with_halos(shares, lens_px=0.5):
+    return dataclasses.replace(spread_of(lens_px=lens_px), halos=np.tile(shares, (3, 1)))
+
+
 def off(seen, shown):
     return float((seen - shown)[:, INSIDE, INSIDE].std())
 
@@ -130,6 +142,32 @@ def test_the_width_of_a_lens_is_found(fine):
     found = found_in(by_kernel(fine, gaussian(0.5)), fine, 0.52)
     np.testing.assert_allclose(found.lens_px, 0.5, atol=0.05)
     np.testing.assert_array_equal(found.band_px, 0.0)
+
+
+def test_halos_are_found(fine):
+    found = found_in(with_halos([0.04, 0.01])(fine, PIXELS), fine, 0.55)
+    np.testing.assert_allclose(found.halos.mean(axis=0), [0.04, 0.01], atol=0.015)
+    again = found_in(speckled(with_halos([0.04, 0.01])(fine, PIXELS), 0.02, 1), fine, 0.55)
+    np.testing.assert_allclose(again.halos.mean(axis=0), [0.04, 0.01], atol=0.035)
+    assert (again.halos.sum(axis=1) > 0.03).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_speckle_is_no_halo(fine, seed):
+    found = found_in(speckled(with_halos([0.0, 0.0])(fine, PIXELS), 0.05, seed), fine, 0.55)
+    np.testing.assert_array_equal(found.halos, 0.0)
+
+
+def test_strips_tell_how_well_halos_are_told(fine):
+    """Of noise alone their squares are two deviations', that of each of two halos, also where neighbours share it."""
+    shown = with_halos([0.0, 0.0])(fine, PIXELS)[1]
+    told = []
+    for seed in range(12):
+        image = speckled(shown[None], 0.03, seed)[0].float()
+        search = _Search(fine[1], image, torch.ones_like(image), 0.55, PLACED)
+        told.append(search.told_halos(search.fit(0.5, 0.0)))
+    assert 0.4 < np.median(told) < 4.0
+    assert max(told) < TOLD * len(HALOS_PX)
 
 
 def test_a_sampled_gaussian_is_found(fine):
