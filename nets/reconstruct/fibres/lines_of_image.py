@@ -193,7 +193,10 @@ class LinesOfImage:
         else:
             self._fit_with_bench()
         if self._is_near():
+            view = self.view
             fit_through_blurring_lens(self)
+            if self.view is not view:
+                self._fit_with_bench()
 
     def _fit_with_bench(self) -> None:
         """Lines on the bench they tell."""

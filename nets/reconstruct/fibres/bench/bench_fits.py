@@ -23,12 +23,13 @@ from nets.reconstruct.fibres.bench.gap_fits import (
     fit_with_every_number,
     fit_with_gap,
     fit_with_glass,
+    least_gain,
     search_again,
     told_by,
 )
 from nets.reconstruct.fibres.bench.less_believed import fit_together, is_other_glass
 from nets.reconstruct.fibres.bench.light_of_lines import losses_shown
-from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
+from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.bench.run_state import kept_if_less
 from nets.reconstruct.fibres.bench.slant_or_shift import names_of_place, other_places
 from warp_caustics.found_bench.bench_numbers import VERGENCE
@@ -141,15 +142,15 @@ def _fit_with_numbers(run: Run, names: Collection[str]) -> BenchOfLines | None:
 
         def fit(made: list[BenchOfLines] = made) -> float:
             run.numbers = dataclasses.replace(run.numbers, scene=losses_shown(run))
-            before, view = run.lines, run.view
+            was, was_explained = run.view.left(run.lines), run.view.is_explained(run.lines)
             made.append(fit_together(run, names))
             run.view = run.on(run.bench)
-            was, now = view.left(before), run.view.left(run.lines)
-            enough = _enough(run, view.is_explained(before))
+            now = run.view.left(run.lines)
+            enough = _enough(run, was_explained)
             if not has_valley and (was is None or now is None or not now < enough * was):
                 return 0.0
             search_again(run)
-            return 1.0 if run.view.is_explained(run.lines) and not view.is_explained(before) else enough
+            return 1.0 if run.view.is_explained(run.lines) and not was_explained else enough
 
         if not kept_if_less(run, fit):
             break
@@ -167,13 +168,7 @@ def _enough(run: Run, is_explained: bool) -> float:
     """
     if is_first(run):
         return 1.0
-    return _least_gain(run) if is_explained else BENCH_GAIN
-
-
-def _least_gain(run: Run) -> float:
-    """Factor by which what is left falls where a bench tells as much as its score must be for it to be asked."""
-    counted = float((run.view.discrepancy.whole.weight > 0).sum())
-    return 1 - ASKING**2 * CORRELATED_PX / (2 * max(counted, 1.0))
+    return least_gain(run, ASKING**2) if is_explained else BENCH_GAIN
 
 
 def _fit_with_other_size(run: Run) -> BenchOfLines | None:
@@ -222,7 +217,7 @@ def fit_with_other_place(run: Run) -> BenchOfLines | None:
         def fit(start: Bench = start) -> float:
             run.lines, run.bench = together(run.lines, start)
             run.view = run.on(run.bench)
-            return _least_gain(run) if run.view.is_explained(run.lines) else 0.0
+            return least_gain(run, ASKING**2) if run.view.is_explained(run.lines) else 0.0
 
         if kept_if_less(run, fit):
             told_by(run, together)

@@ -64,8 +64,16 @@ class RunState(NamedTuple):
 
     @property
     def left(self) -> float | None:
-        """Discrepancy of the lines in the whole image; None if the noise of the image is unknown."""
-        return self.view.left(self.lines)
+        """Discrepancy of the lines in the whole image; None if the noise of the image is unknown.
+
+        With the section of that time: the run's own may have moved since, and lines of another one leave more.
+        """
+        model, now = self.view.model, self.view.model.shape
+        model.shape = self.shape
+        try:
+            return self.view.left(self.lines)
+        finally:
+            model.shape = now
 
 
 def kept_if_less(run: LinesRun, fit: Callable[[], float]) -> bool:
