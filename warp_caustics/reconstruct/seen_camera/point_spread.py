@@ -49,12 +49,15 @@ class PointSpread:
         band_px: of one after them, within their band [px], shape [n_w].
         weights: w, after both, shape [n_w, 2 REACH + 1, 2 REACH + 1]; each channel's sum to 1.
         halos: a, shares of the light that lies in them, shape [n_w, K].
+        stray: standard deviation of an image's stray light, of all channels together, by which halos there may be
+            beside the told ones; 0 where nothing was asked.
     """
 
     lens_px: FloatArray
     band_px: FloatArray
     weights: FloatArray
     halos: FloatArray
+    stray: float = 0.0
 
     @classmethod
     def of_lens(cls, lens_px: FloatArray) -> Self:
@@ -71,7 +74,9 @@ class PointSpread:
     @classmethod
     def of_record(cls, record: dict[str, Any]) -> Self:
         """The one that :attr:`record` was made of."""
-        return cls(*(np.asarray(record[key], dtype=np.float64) for key in ("lens_px", "band_px", "weights", "halos")))
+        names = ("lens_px", "band_px", "weights", "halos")
+        lens, band, weights, halos = (np.asarray(record[name], dtype=np.float64) for name in names)
+        return cls(lens, band, weights, halos, record.get("stray", 0.0))
 
     @property
     def record(self) -> dict[str, Any]:
@@ -81,6 +86,7 @@ class PointSpread:
             "band_px": self.band_px.tolist(),
             "weights": np.round(self.weights, 6).tolist(),
             "halos": np.round(self.halos, 6).tolist(),
+            "stray": round(self.stray, 6),
         }
 
     @property
@@ -96,7 +102,7 @@ class PointSpread:
     def of_channel(self, channel: int) -> Self:
         """Of one alone."""
         kept = [channel]
-        return type(self)(self.lens_px[kept], self.band_px[kept], self.weights[kept], self.halos[kept])
+        return type(self)(self.lens_px[kept], self.band_px[kept], self.weights[kept], self.halos[kept], self.stray)
 
     def __call__(self, fine: torch.Tensor, pixels: int, lays: Sequence[Lay] | None = None) -> torch.Tensor:
         """What the camera shows, shape [n_w, m, m], of light on fine pixels, [n_w, k m, k m].

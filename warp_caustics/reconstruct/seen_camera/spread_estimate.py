@@ -87,13 +87,15 @@ def found_spread(
         wider = max(blur, LEAST_BLUR_PX) / form_blur
         fits[channel] = search.about(wider * form[0], blur if form[1] else 0.0)
         asked.append((channel, search))
+    told = [search.told_halos(fits[channel]) for channel, search in asked]
     # One glass scatters all wavelengths: what one channel leaves open others may tell.
-    if asked and np.median([search.told_halos(fits[channel]) for channel, search in asked]) > TOLD * len(HALOS_PX):
+    if told and np.median([halos for halos, _ in told]) > TOLD * len(HALOS_PX):
         for channel, search in asked:
             search.has_halos = True
             fits[channel] = search.about(fits[channel].lens_px, fits[channel].band_px)
     lens, band, weights, halos, _ = zip(*(fits[channel] for channel in range(len(fine))), strict=True)
-    return PointSpread(np.array(lens), np.array(band), np.stack(weights), np.stack(halos))
+    stray = float(np.sqrt(np.mean([deviation**2 for _, deviation in told]) / len(told))) if told else 0.0
+    return PointSpread(np.array(lens), np.array(band), np.stack(weights), np.stack(halos), stray)
 
 
 def _of(spread: PointSpread, channel: int) -> _Fit:
@@ -156,24 +158,27 @@ class _Search:
         weights = np.concatenate((sides, [brightness - 2 * sides.sum()], sides[::-1])) / brightness
         return _Fit(lens_px, band_px, weights.reshape(2 * REACH + 1, 2 * REACH + 1), shares, left)
 
-    def told_halos(self, fit: _Fit) -> float:
+    def told_halos(self, fit: _Fit) -> tuple[float, float]:
         """Halos that the same lens and band have, in squares of deviations, of all of them together.
 
-        Deviations are those between fits that leave out a strip each.
+        And the deviation of stray light beside them. Deviations are those between fits that leave out a strip each.
         """
         strips = self._normal(fit.lens_px, fit.band_px)
         normal = strips.sum(0)
-        found = self._halos(normal)
-        without = np.stack([self._halos(normal - strip) for strip in strips])
+        found = self._wide(normal)
+        without = np.stack([self._wide(normal - strip) for strip in strips])
         spread = without - without.mean(0)
         covariance = (STRIPS - 1) / STRIPS * spread.T @ spread
+        halos = slice(len(HALOS_PX))
         # An even picture has none and tells none.
-        return float(found @ np.linalg.pinv(covariance, hermitian=True) @ found)
+        squares = found[halos] @ np.linalg.pinv(covariance[halos, halos], hermitian=True) @ found[halos]
+        return float(squares), float(np.sqrt(covariance[-1, -1]))
 
-    def _halos(self, normal: torch.Tensor) -> FloatArray:
+    def _wide(self, normal: torch.Tensor) -> FloatArray:
+        """Halos and stray light, as shares of the light, shape [K + 1]."""
         solution, _ = self._solved(normal, has_halos=True)
-        halos: FloatArray = solution[_PAIRS:-2] / (1.0 + solution[-2])
-        return halos
+        wide: FloatArray = np.append(solution[_PAIRS:-2], solution[-1]) / (1.0 + solution[-2])
+        return wide
 
     def _normal(self, lens_px: float, band_px: float) -> torch.Tensor:
         """Normal matrices of the strips, shape [S, P + K + 3, P + K + 3].

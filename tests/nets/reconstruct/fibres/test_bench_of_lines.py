@@ -1,6 +1,7 @@
 """The bench that lines tell, on a small scene."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from warp_caustics.found_bench.bench_uncertainty import GAP_M
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread
 from warp_caustics.resampling import blur_matrices, blurred
 from warp_caustics.scene import Scene
 from warp_caustics.setup.optical import with_optical_values
@@ -117,6 +119,21 @@ def test_a_gap_that_was_asked_alone_is_as_uncertain_as_base_and_index_leave_it()
     record = {number.name: number for number in stated_record(numbers(), found).numbers}
     assert record["gap_m"].found == bench.values["gap_m"] and record["gap_m"].verdict == "as told"
     assert record["gap_m"].prior == pytest.approx(times_less_known(numbers(), bench) * GAP_M)
+
+
+def test_stray_light_is_as_uncertain_as_halos_of_a_lens_leave_it():
+    """Of no other number more is left open."""
+    image = photographed(true_bench(ambient=0.02))
+    together, bench = BenchOfLines(numbers(), image, MODEL, 2 * N, CAMERA), true_bench(ambient=0.02)
+    bench = together.with_sigma(bench, together.covariance(LINES, bench))
+    here = Resimulation(CausticSimulator(numbers().scene_of(bench.values), "lattice"), seen_on(image, numbers(), bench))
+    plain, found = {}, {}
+    for sigma, stray in ((plain, 0.0), (found, 0.003)):
+        spread = dataclasses.replace(PointSpread.of_lens(np.full(3, 0.5)), stray=stray)
+        seen = here.through(dataclasses.replace(CAMERA, spread=spread))
+        sigma |= stated_bench(together, LINES, LinesView(seen, MODEL), bench).sigma
+    assert found.pop("ambient") == pytest.approx(math.hypot(0.003, plain.pop("ambient")))
+    assert found == plain
 
 
 def test_stray_light_in_an_image_that_is_mostly_noise_is_not_taken_for_less():

@@ -158,16 +158,21 @@ def test_speckle_is_no_halo(fine, seed):
     np.testing.assert_array_equal(found.halos, 0.0)
 
 
-def test_strips_tell_how_well_halos_are_told(fine):
-    """Of noise alone their squares are two deviations', that of each of two halos, also where neighbours share it."""
+def test_strips_tell_how_well_halos_and_stray_light_are_told(fine):
+    """Also where neighbours share their noise: halos of none are two squares of deviations, that of each of two."""
     shown = with_halos([0.0, 0.0])(fine, PIXELS)[1]
-    told = []
+    told, stray, deviations = [], [], []
     for seed in range(12):
-        image = speckled(shown[None], 0.03, seed)[0].float()
+        image = 0.05 + speckled(shown[None], 0.03, seed)[0].float()
         search = _Search(fine[1], image, torch.ones_like(image), 0.55, PLACED)
-        told.append(search.told_halos(search.fit(0.5, 0.0)))
+        halos, deviation = search.told_halos(search.fit(0.5, 0.0))
+        told.append(halos)
+        deviations.append(deviation)
+        stray.append(search._wide(search._normal(0.5, 0.0).sum(0))[-1])
     assert 0.4 < np.median(told) < 4.0
     assert max(told) < TOLD * len(HALOS_PX)
+    assert np.mean(stray) == pytest.approx(0.05, abs=0.01)
+    assert np.std(stray) == pytest.approx(np.sqrt(np.mean(np.square(deviations))), rel=0.5)
 
 
 def test_a_sampled_gaussian_is_found(fine):
@@ -213,11 +218,13 @@ def test_a_camera_keeps_its_spread_in_records(fine):
     spread = found_in(by_kernel(fine, disc(0.8)), fine, 0.4)
     camera = dataclasses.replace(ChannelCamera.perfect(3, PIXELS), blur=np.full(3, 0.4), spread=spread)
     again = ChannelCamera.of_record(camera.record, PIXELS)
+    assert 0 < again.spread.stray == pytest.approx(spread.stray, abs=1e-6)
     np.testing.assert_allclose(again.spread(fine, PIXELS).numpy(), spread(fine, PIXELS).numpy(), atol=1e-4)
     assert camera.blurs
     assert not camera.sharp().blurs
     one = camera.of_channel(1)
     np.testing.assert_array_equal(one.spread.weights, spread.weights[1:2])
+    assert one.spread.stray == spread.stray
     assert one.shift.shape == (1, 2)
 
 
