@@ -60,6 +60,17 @@ class _Fit(NamedTuple):
     """Weighted sum of squares."""
 
 
+class _Halos(NamedTuple):
+    """What an image tells of a channel's halos."""
+
+    squares: float
+    """All of them, in squares of deviations."""
+    share: float
+    """Of the light, that lies in them."""
+    stray: float
+    """Standard deviation of stray light beside them."""
+
+
 def found_spread(
     measurement: Measurement, fine: torch.Tensor, camera: ChannelCamera, lays: Sequence[Lay] | None = None
 ) -> PointSpread:
@@ -88,13 +99,18 @@ def found_spread(
         fits[channel] = search.about(wider * form[0], blur if form[1] else 0.0)
         asked.append((channel, search))
     told = [search.told_halos(fits[channel]) for channel, search in asked]
-    # One glass scatters all wavelengths: what one channel leaves open others may tell.
-    if told and np.median([halos for halos, _ in told]) > TOLD * len(HALOS_PX):
+    # One glass scatters all wavelengths: what one channel leaves open others may tell. And what takes light from around
+    # bright lines is no halo, but stray light of another bench, or heights.
+    if (
+        told
+        and np.median([each.squares for each in told]) > TOLD * len(HALOS_PX)
+        and np.median([each.share for each in told]) > 0
+    ):
         for channel, search in asked:
             search.has_halos = True
             fits[channel] = search.about(fits[channel].lens_px, fits[channel].band_px)
     lens, band, weights, halos, _ = zip(*(fits[channel] for channel in range(len(fine))), strict=True)
-    stray = float(np.sqrt(np.mean([deviation**2 for _, deviation in told]) / len(told))) if told else 0.0
+    stray = float(np.sqrt(np.mean([each.stray**2 for each in told]) / len(told))) if told else 0.0
     return PointSpread(np.array(lens), np.array(band), np.stack(weights), np.stack(halos), stray)
 
 
@@ -158,21 +174,18 @@ class _Search:
         weights = np.concatenate((sides, [brightness - 2 * sides.sum()], sides[::-1])) / brightness
         return _Fit(lens_px, band_px, weights.reshape(2 * REACH + 1, 2 * REACH + 1), shares, left)
 
-    def told_halos(self, fit: _Fit) -> tuple[float, float]:
-        """Halos that the same lens and band have, in squares of deviations, of all of them together.
-
-        And the deviation of stray light beside them. Deviations are those between fits that leave out a strip each.
-        """
+    def told_halos(self, fit: _Fit) -> _Halos:
+        """Of the same lens and band; deviations are those between fits that leave out a strip each."""
         strips = self._normal(fit.lens_px, fit.band_px)
         normal = strips.sum(0)
         found = self._wide(normal)
         without = np.stack([self._wide(normal - strip) for strip in strips])
         spread = without - without.mean(0)
         covariance = (STRIPS - 1) / STRIPS * spread.T @ spread
-        halos = slice(len(HALOS_PX))
+        halos, of_halos = found[:-1], covariance[:-1, :-1]
         # An even picture has none and tells none.
-        squares = found[halos] @ np.linalg.pinv(covariance[halos, halos], hermitian=True) @ found[halos]
-        return float(squares), float(np.sqrt(covariance[-1, -1]))
+        squares = halos @ np.linalg.pinv(of_halos, hermitian=True) @ halos
+        return _Halos(float(squares), float(halos.sum()), float(np.sqrt(covariance[-1, -1])))
 
     def _wide(self, normal: torch.Tensor) -> FloatArray:
         """Halos and stray light, as shares of the light, shape [K + 1]."""

@@ -136,6 +136,20 @@ def test_lines_that_leave_more_than_noise_tell_no_lens(model):
     assert run.view.camera.spread is None
 
 
+def test_a_lens_is_asked_where_a_gaussian_passes_for_it(model):
+    """In more noise, of which a Gaussian leaves a tenth more; an explained image asks for no lens that leaves as much."""
+    image = through_lens(SCENE, model.heights(LINES), 0.5, 4 * NOISE)
+    run = run_with(model, image, LINES, 0.5)
+    assert run.view.is_explained(run.lines)
+    was = run.view.left(run.lines)
+    fit_through_blurring_lens(run)
+    assert run.view.left(run.lines) < 0.95 * was
+    np.testing.assert_allclose(run.view.camera.spread.lens_px, 0.5, atol=0.05)
+    view, lines = run.view, run.lines
+    fit_through_blurring_lens(run)
+    assert run.view is view and run.lines is lines
+
+
 def test_a_bench_that_was_found_for_want_of_the_lens_is_left(model, lens_image):
     run = run_with(model, lens_image, LINES, 0.5)
     told, wrong = run.bench, dict(run.bench.values) | {"ambient": 0.01}

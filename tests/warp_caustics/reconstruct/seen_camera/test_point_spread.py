@@ -152,6 +152,12 @@ def test_halos_are_found(fine):
     assert (again.halos.sum(axis=1) > 0.03).all()
 
 
+def test_a_halo_gives_light(fine):
+    """One that takes some is none, however clearly it is told."""
+    found = found_in(with_halos([-0.04, -0.01])(fine, PIXELS), fine, 0.55)
+    np.testing.assert_array_equal(found.halos, 0.0)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_speckle_is_no_halo(fine, seed):
     found = found_in(speckled(with_halos([0.0, 0.0])(fine, PIXELS), 0.05, seed), fine, 0.55)
@@ -165,9 +171,9 @@ def test_strips_tell_how_well_halos_and_stray_light_are_told(fine):
     for seed in range(12):
         image = 0.05 + speckled(shown[None], 0.03, seed)[0].float()
         search = _Search(fine[1], image, torch.ones_like(image), 0.55, PLACED)
-        halos, deviation = search.told_halos(search.fit(0.5, 0.0))
-        told.append(halos)
-        deviations.append(deviation)
+        halos = search.told_halos(search.fit(0.5, 0.0))
+        told.append(halos.squares)
+        deviations.append(halos.stray)
         stray.append(search._wide(search._normal(0.5, 0.0).sum(0))[-1])
     assert 0.4 < np.median(told) < 4.0
     assert max(told) < TOLD * len(HALOS_PX)
