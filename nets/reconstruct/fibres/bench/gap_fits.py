@@ -127,7 +127,7 @@ def fit_with_gap(run: Run) -> None:
 
     Lines that explain the image by it have to leave less than before, others as much less as is significant: the valley
     has told that already. A lens that is not found yet may leave 2.7 times the noise, of which 1 % more on the way of
-    light takes 0.6 %; on the wrong bench that lens then made up for it, seven own plates 2 to 6 um off that stated 1.8
+    light takes 0.6 %; on the wrong bench that lens then made up for it, five own plates 2 to 6 um off that stated 1.8
     to 3.6.
 
     Raises:

@@ -22,6 +22,7 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 
 AS_MUCH = 1.01
+"""Of what a lens leaves, that light may leave to have the first word."""
 
 
 class Run(RunWithLight, RunWithCamera, Protocol):

@@ -6,7 +6,7 @@ pictures that lay aside because light was slanted to 0.6 um, and 7 um off. What 
 open of all numbers together, gap, base and index believed as of :mod:`~nets.reconstruct.fibres.trust.beliefs`.
 
 Stray light is told beside a lens whose halos pass for it; what they may take or give is in no covariance of lines and
-bench, and stated with it: behind 2 % of speckle 0.15 %, twice what lines leave open.
+bench, and stated with it: behind 2 % of speckle 0.15 %, where lines leave 0.1 open.
 """
 
 import dataclasses

@@ -1,7 +1,10 @@
 """What a run becomes by another gap, base or index, and when that is kept."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import gap_fits
 from nets.reconstruct.fibres.bench.gap_fits import fit_with_every_number, fit_with_gap, least_gain, unlikely
 from nets.reconstruct.fibres.bench.gap_of_lines import likeliest
@@ -86,6 +89,24 @@ def test_a_likelier_bench_may_leave_a_little_more(model, monkeypatch, likely_lea
     fit_with_every_number(run)
     assert (run.bench is not before) == is_kept
     assert (run.bench.values == likeliest(NUMBERS, before).values) == is_kept
+
+
+@pytest.mark.parametrize("finds_gap", [True, False])
+def test_a_missing_lens_is_asked_before_all_numbers(monkeypatch, finds_gap):
+    """Where gap or light were found."""
+    run, asked = SimpleNamespace(bench=0, view=0, method=SimpleNamespace(takes_bench_as_told=False, options=None)), []
+    run._is_near = run._asks_bench = lambda: True
+    monkeypatch.setattr(lines_of_image, "fit_with_light", lambda run: asked.append("light"))
+    monkeypatch.setattr(lines_of_image, "fit_with_bench", lambda run: asked.append("bench"))
+    monkeypatch.setattr(lines_of_image, "fit_through_blurring_lens", lambda run: asked.append("lens"))
+
+    def fit_with_gap(run):
+        asked.append("gap")
+        run.bench += finds_gap
+
+    monkeypatch.setattr(lines_of_image, "fit_with_gap", fit_with_gap)
+    lines_of_image.LinesOfImage._fit_with_bench(run)
+    assert asked == ["light", "gap", *["lens"] * finds_gap, "bench"]
 
 
 def test_what_was_left_is_that_of_its_own_section(model):
