@@ -319,6 +319,29 @@ class LineModel:
             printed[...] = self.joined(parts[[k for k in range(len(parts)) if k not in group]])
         return rest
 
+    def with_each(self, lines: torch.Tensor, tried: torch.Tensor) -> torch.Tensor:
+        """Reliefs of lines with each of others besides [m], shape [K, n, n]; cells in which lines cross and all.
+
+        Args:
+            lines: shape [L, 6] [m].
+            tried: one more each, shape [K, 6] [m], or several, [K, E, 6].
+        """
+        if self.shape.overlap == 1:
+            parts = self.parts(tried.reshape(-1, tried.shape[-1]))[0].reshape(*tried.shape[:-1], self.n, self.n)
+            return self.heights(lines) + (parts if tried.ndim == 2 else parts.sum(dim=1))
+        if not len(tried):
+            return _zeros(0, self.n, self.n, device=self.device)
+        points = self.points(lines)
+        more = tried if tried.ndim == 3 else tried[:, None]
+        return torch.stack([self.points(some, points).mean(dim=-1) for some in more])
+
+    def heights_without_each(self, lines: torch.Tensor) -> torch.Tensor:
+        """Reliefs of all lines but one [m], shape [L, n, n]; cells in which lines cross and all."""
+        if self.shape.overlap == 1:
+            return self.without_each(self.parts(lines)[0])
+        others = [[j for j in range(len(lines)) if j != k] for k in range(len(lines))]
+        return torch.stack([self.heights(lines[some]) for some in others])
+
     def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together [m], shape [n, n], float32."""
         if self.shape.overlap != 1:

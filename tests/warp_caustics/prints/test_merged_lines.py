@@ -49,6 +49,23 @@ def test_what_is_printed_of_the_means_is_another_relief():
     assert missing.min() > -1e-8 and missing.max() > 2e-5
 
 
+@pytest.mark.parametrize("overlap", OVERLAPS)
+def test_lines_tried_besides_others_are_as_printed_together(overlap):
+    """Cells in which they cross and all: 26 lines of which the highest is printed left twice as much without them."""
+    model = model_of(overlap)
+    more = torch.stack([LINES[:1], LINES[:1] + 1e-3 * torch.tensor([2.0, 0, 0, 1, 0.5, 0.2], dtype=torch.float64)])
+    others = LINES[1:]
+    expected = [model.heights(torch.cat([others, each])) for each in more]
+    for tried in (more, more[:, 0]):
+        torch.testing.assert_close(model.with_each(others, tried), torch.stack(expected), rtol=0, atol=2e-9)
+    pair = torch.cat([more, more.flip(0)], dim=1)
+    both = model.heights(torch.cat([others, pair[0]]))
+    torch.testing.assert_close(model.with_each(others, pair), torch.stack([both, both]), rtol=0, atol=2e-9)
+    without = [model.heights(LINES[[j for j in range(len(LINES)) if j != k]]) for k in range(len(LINES))]
+    torch.testing.assert_close(model.heights_without_each(LINES), torch.stack(without), rtol=0, atol=2e-9)
+    assert model.with_each(others, more[:0, 0]).shape == (0, model.n, model.n)
+
+
 @pytest.mark.parametrize(
     "shape", [Shape(), Shape(1.6, 0.5), Shape(1.0, 0.3, 1.0, 0.3, 1e-3), Shape(5.0, cut=0.08), Shape(is_cap=True)]
 )

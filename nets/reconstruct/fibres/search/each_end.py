@@ -101,9 +101,5 @@ def _losses(fit: ImageFit, lines: torch.Tensor, k: int, versions: list[torch.Ten
     """Misfits of lines with line k in other versions."""
     if not versions:
         return []
-    model, others = fit.model, torch.cat([lines[:k], lines[k + 1 :]])
-    tried = model.clamped(torch.stack(versions))
-    if model.shape.overlap != 1:
-        points = model.points(others)
-        return fit.losses(torch.stack([model.points(each[None], points).mean(dim=-1) for each in tried]))
-    return fit.losses(model.over(model.heights(others), model.parts(tried)[0]))
+    others = torch.cat([lines[:k], lines[k + 1 :]])
+    return fit.losses(fit.model.with_each(others, fit.model.clamped(torch.stack(versions))))

@@ -84,14 +84,16 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
     if not ends:
         return []
     versions = [torch.stack([stretched(lines[k], column, by) for by in STRETCHES_M]) for k, column in ends]
-    parts = [model.parts(model.clamped(version))[0] for version in versions]
-    rest = model.parts(without(lines, [k for k, _ in ends]))[0]
-    total = model.joined(rest) if len(rest) else torch.zeros_like(parts[0][0])
-    total = total[None]
-    for part in parts:
-        total = model.over(total[:, None], part[None]).flatten(0, 1)
-    losses = fit.losses(total)
+    rest = without(lines, [k for k, _ in ends])
     ways = list(itertools.product(range(len(STRETCHES_M)), repeat=len(ends)))
+    if model.shape.overlap == 1:
+        total = model.heights(rest)[None]
+        for version in versions:
+            total = (total[:, None] + model.parts(model.clamped(version))[0]).flatten(0, 1)
+    else:
+        moved_ends = [torch.stack([version[k] for version, k in zip(versions, way, strict=True)]) for way in ways]
+        total = model.with_each(rest, model.clamped(torch.stack(moved_ends)))
+    losses = fit.losses(total)
     found = []
     for loss, number in sorted(zip(losses, range(len(ways)), strict=True))[:TRIED]:
         moved = lines.clone()

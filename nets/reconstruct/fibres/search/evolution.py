@@ -36,7 +36,7 @@ APART_M = 3e-4
 """Ends of which they lie apart, at least."""
 
 
-def evolved(fit: ImageFit, kept_m: torch.Tensor, place: Place, seed: int = 0) -> torch.Tensor:
+def evolved(fit: ImageFit, kept: torch.Tensor, place: Place, seed: int = 0) -> torch.Tensor:
     """Lines at a place that the image likes best with all others as they are, shape [K, 6] [m], the best first.
 
     On a plate of which a line 0.4 mm wide and 1.3 mm high was told by two low ones, which left it 16 um off, three
@@ -44,14 +44,14 @@ def evolved(fit: ImageFit, kept_m: torch.Tensor, place: Place, seed: int = 0) ->
 
     Args:
         fit: judges.
-        kept_m: relief of all other lines, shape [n, n] [m].
+        kept: all other lines, shape [L, 6] [m].
         place: centre of where ends are looked for, x and y [m].
         seed: of the random numbers.
     """
     (x, y), model = place, fit.model
     ranges = [(at - REACH_M, at + REACH_M) for at in (x, y, x, y)]
     ranges += [(math.log(low), math.log(high)) for low, high in (WIDTHS_M, HEIGHTS_M)]
-    last = _evolution(partial(_misfits, fit, kept_m), ranges, GENERATIONS, seed)
+    last = _evolution(partial(_misfits, fit, kept), ranges, GENERATIONS, seed)
     order = np.argsort(last.population_energies)
     return _distinct(_lines(model, last.population[order]))
 
@@ -71,7 +71,7 @@ def evolved_ends(fit: ImageFit, lines: torch.Tensor, ends: Sequence[tuple[int, i
     """
     model, moving = fit.model, [k for k, _ in ends]
     outward = [_outward(lines[k], column) for k, column in ends]
-    kept = model.heights(lines[[k for k in range(len(lines)) if k not in moving]])
+    kept = lines[[k for k in range(len(lines)) if k not in moving]]
 
     def moved(by_m: FloatArray) -> torch.Tensor:
         """Lines with ends so much farther out, shape [K, E, 6] [m] of [K, E]."""
@@ -81,12 +81,7 @@ def evolved_ends(fit: ImageFit, lines: torch.Tensor, ends: Sequence[tuple[int, i
         return model.clamped(versions)
 
     def misfits(by_m: FloatArray) -> FloatArray:
-        versions = moved(np.atleast_2d(by_m.T))
-        parts = model.parts(versions.flatten(0, 1))[0].unflatten(0, versions.shape[:2])
-        total = kept.expand_as(parts[:, 0])
-        for number in range(len(ends)):
-            total = model.over(total, parts[:, number])
-        found = fit.losses(total)
+        found = fit.losses(model.with_each(kept, moved(np.atleast_2d(by_m.T))))
         if fit.report is not None:
             fit.report(min(found))
         return np.asarray(found)
@@ -125,11 +120,9 @@ def _lines(model: LineModel, numbers: FloatArray) -> torch.Tensor:
     return model.clamped(torch.from_numpy(np.hstack([numbers[:, :4], np.exp(numbers[:, 4:])])))
 
 
-def _misfits(fit: ImageFit, kept_m: torch.Tensor, numbers: FloatArray) -> FloatArray:
+def _misfits(fit: ImageFit, kept: torch.Tensor, numbers: FloatArray) -> FloatArray:
     """Of lines with numbers of shape [6, K], each alone beside those that are kept, shape [K]."""
-    model = fit.model
-    lines = _lines(model, np.atleast_2d(numbers.T))
-    found = fit.losses(model.over(kept_m, model.parts(lines)[0]))
+    found = fit.losses(fit.model.with_each(kept, _lines(fit.model, np.atleast_2d(numbers.T))))
     if fit.report is not None:
         fit.report(min(found))
     return np.asarray(found)

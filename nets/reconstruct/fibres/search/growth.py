@@ -6,6 +6,9 @@ two. What of its relief no line explains says where to look; whether there is a
 line, the image says.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import torch
 
 from nets.reconstruct.fibres.image.descent import Fitted
@@ -52,10 +55,24 @@ def grown(fit: ImageFit, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: 
         spread_m: of its answers, shape [n, n] [m].
         most: lines, at most.
     """
+    return grown_by(fit, lines, partial(_promising, fit, relief_m, spread_m), most)
+
+
+def grown_by(
+    fit: ImageFit, lines: torch.Tensor, promising: Callable[[Fitted], list[torch.Tensor]], most: int
+) -> Fitted:
+    """Lines with those added that the image asks for of some that may be missing.
+
+    Args:
+        fit: judges.
+        lines: shape [L, 6] [m].
+        promising: lines, shape [6] [m], that may be missing beside those so far, the most promising first.
+        most: lines, at most.
+    """
     best = Fitted(lines, fit.loss(fit.model.heights(lines)))
     for _ in range(GROWTH_ROUNDS):
         before, failed = best.loss, 0
-        for line in _promising(fit, best, relief_m, spread_m):
+        for line in promising(best):
             if len(best.lines) >= most:
                 return best
             if failed == FAILURES_IN_A_ROW:
@@ -75,15 +92,15 @@ def grown(fit: ImageFit, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: 
     return best
 
 
-def _promising(fit: ImageFit, best: Fitted, relief_m: torch.Tensor, spread_m: torch.Tensor) -> list[torch.Tensor]:
-    """Lines that may be missing, those first that explain the image best as they are."""
+def _promising(fit: ImageFit, relief_m: torch.Tensor, spread_m: torch.Tensor, best: Fitted) -> list[torch.Tensor]:
+    """Lines that may be missing of a relief, those first that explain the image best as they are."""
     total = fit.model.heights(best.lines)
     lines = proposals(fit.model, relief_m - total, spread_m)
     if not len(lines):
         return []
     if fit.report is not None:
         fit.report(best.loss)
-    losses = fit.losses(fit.model.over(total, fit.model.parts(lines)[0]))
+    losses = fit.losses(fit.model.with_each(best.lines, lines))
     return [lines[k] for _, k in sorted((loss, k) for k, loss in enumerate(losses))[:TRIED_PROPOSALS]]
 
 
@@ -115,11 +132,10 @@ def proposals(
 
 def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     """Lines without those that the image does not miss, the least first."""
-    parts = fit.model.parts(lines)[0]
-    current, kept = fit.loss(fit.model.joined(parts)), list(range(len(lines)))
-    asked = parts.flatten(1).sum(dim=1).argsort().tolist()
+    current, kept = fit.loss(fit.model.heights(lines)), list(range(len(lines)))
+    asked = fit.model.parts(lines)[0].flatten(1).sum(dim=1).argsort().tolist()
     while asked:
-        without = fit.model.without_each(parts[kept])
+        without = fit.model.heights_without_each(lines[kept])
         losses = fit.losses(without[[kept.index(k) for k in asked]])
         spare = next((i for i, loss in enumerate(losses) if loss < REMOVED_LINE_FACTOR * current), None)
         if spare is None:

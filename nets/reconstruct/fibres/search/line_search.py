@@ -23,6 +23,7 @@ from nets.reconstruct.fibres.search.section import (
     with_other_family,
     with_section_found,
 )
+from nets.reconstruct.fibres.search.shadows import grown_in_shadows
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.reconstruct.base import CausticImage, Reconstruction
@@ -37,10 +38,11 @@ FINAL_ITERATIONS = 15
 of 0.2 to 3.3 um RMS at 256 pixels to 0.1 to 1.6 um at 512, and what is left of the image down to its noise."""
 
 JUMPING_LINES_FIRST, JUMPING_LINES_LATER = 12, 6
-"""Lines that may jump in the first round and in others, those with the worst misfit under them."""
+"""Lines that may jump in the first round on few pixels and in others, those with the worst misfit under them; on more
+pixels all may, whose ends may be far from the rest of the line and from where the image is explained worst."""
 
-FINE_ROUNDS = 3
-"""Rounds on more pixels, at most."""
+FINE_ROUNDS = 6
+"""Rounds on more pixels, at most, while each is worth another."""
 
 ROUND_FACTOR = 0.99
 """A round must lower the misfit by this factor to be followed by another."""
@@ -276,6 +278,12 @@ class LineSearch:
             if not is_better:
                 self.lines, model.shape = kept
 
+    def _jumped(self, fit: ImageFit, lines: torch.Tensor, is_first: bool) -> tuple[torch.Tensor, bool]:
+        """Lines after jumps, of all of them on more pixels, and whether any jumped."""
+        if fit is self.fine and self.answer is not None:
+            return jump(fit, lines, quick=self.quick)
+        return jump(fit, lines, JUMPING_LINES_FIRST if is_first else JUMPING_LINES_LATER)
+
     def _finish(self) -> None:
         iterations = min(FINAL_ITERATIONS, self.iterations)
         self.last.correct_at(self.last.model.heights(self.lines))
@@ -297,9 +305,10 @@ class LineSearch:
                     best = with_joins(fit, best.lines, self.quick)
                     best = with_moved_ends(fit, best.lines, self.quick)
                 best = grown(fit, best.lines, self.answer.relief_m, self.answer.spread_m, self.answer.most)
+                if fit is self.fine:
+                    best = grown_in_shadows(fit, best.lines, self.answer.most, self.quick)
                 self.lines = best.lines
-            most = JUMPING_LINES_FIRST if number == 0 and rounds is None else JUMPING_LINES_LATER
-            moved, has_jumped = jump(fit, best.lines, most)
+            moved, has_jumped = self._jumped(fit, best.lines, number == 0 and rounds is None)
             if has_jumped or self.answer is not None:
                 found = fit.descend(moved, self.iterations)
                 best = found if found.loss < best.loss else best

@@ -190,8 +190,7 @@ def _evolved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]
         if some in gone[:number]:
             continue
         kept = lines[[k for k in range(len(lines)) if k not in some]]
-        relief = model.heights(kept)
-        for line in evolved(few, relief, place, seed=number):
+        for line in evolved(few, kept, place, seed=number):
             with_it = torch.cat([kept, line[None]])
             yield _Way(with_it, [len(kept)], few.loss(model.heights(with_it)))
 
@@ -206,29 +205,29 @@ def _with_one_more(
     spread_m: torch.Tensor,
 ) -> Iterator[_Way]:
     """Lines with one more of what they leave of a relief about a place, that which the image likes best."""
-    model, printed = fit.model, fit.model.heights(lines)
-    rest = torch.where(within(model, place, radius_m + BEYOND_M), relief_m - printed, 0.0)
+    model = fit.model
+    rest = torch.where(within(model, place, radius_m + BEYOND_M), relief_m - model.heights(lines), 0.0)
     tried = proposals(model, rest, spread_m, RIDGES)
     if len(tried):
-        loss, number = _best(fit.losses(model.over(printed, model.parts(tried)[0])))
+        loss, number = _best(fit.losses(model.with_each(lines, tried)))
         yield _Way(torch.cat([lines, tried[number][None]]), [*changed, len(lines)], loss)
 
 
 def _moved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]:
     """Single lines made longer and shorter at a place, or so long that they reach it, or left out."""
     model, at = fit.model, lines.new_tensor(place)
-    parts, near = model.parts(lines)[0], reaching(model, lines, place, RADII_M[0])
+    near = reaching(model, lines, place, RADII_M[0])
     for k, line in enumerate(lines):
         others = [j for j in range(len(lines)) if j != k]
-        rest, tried = model.joined(parts[others]), _extended(line, at)
+        tried = _extended(line, at)
         if k in near and others:
-            yield _Way(lines[others], [], fit.loss(rest))
+            yield _Way(lines[others], [], fit.loss(model.heights(lines[others])))
             ends = ((moved, moved[end : end + 2]) for moved, end, _ in stretches(line))
             tried += [moved for moved, end in ends if float((end - at).norm()) <= RADII_M[-1]]
         if not tried:
             continue
         versions = model.clamped(torch.stack(tried))
-        loss, number = _best(fit.losses(model.over(rest, model.parts(versions)[0])))
+        loss, number = _best(fit.losses(model.with_each(lines[others], versions)))
         changed = lines.clone()
         changed[k] = versions[number]
         yield _Way(changed, [k], loss)

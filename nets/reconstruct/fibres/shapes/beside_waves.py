@@ -49,6 +49,11 @@ class BesideWaves(LineModel):
         found = super().without(parts, groups)
         return found + self._added if self.shape.overlap == 1 else found  # else of :meth:`joined`
 
+    def with_each(self, lines: torch.Tensor, tried: torch.Tensor) -> torch.Tensor:
+        """Reliefs of lines, each of others and what is added [m], shape [K, n, n]; see :meth:`LineModel.with_each`."""
+        found = super().with_each(lines, tried)
+        return found if self.shape.overlap == 1 else found + self._added  # else of :meth:`heights`
+
     def heights(self, lines: torch.Tensor) -> torch.Tensor:
         """Relief of all lines together and what is added [m], shape [n, n], float32."""
         found = super().heights(lines)

@@ -45,7 +45,7 @@ class _Printed:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_line_evolves_without_a_start(model, fit, seed):
-    found = evolved(fit.metric, model.heights(LINES), PLACE, seed)
+    found = evolved(fit.metric, LINES, PLACE, seed)
     apart = min(float((line - HIDDEN[0])[:4].abs().max()) for line in (found[0], found[0][TURNED]))
     assert apart < 1e-3
     missing = error_um(model, LINES, torch.cat([LINES, HIDDEN]))
@@ -53,7 +53,7 @@ def test_a_line_evolves_without_a_start(model, fit, seed):
 
 
 def test_what_is_found_lies_at_the_place_and_apart(model, fit):
-    found = evolved(fit.metric, model.heights(LINES), (1e-3, -2e-3))
+    found = evolved(fit.metric, LINES, (1e-3, -2e-3))
     ends = found[:, :4].reshape(-1, 2, 2)
     assert float((ends - torch.tensor([1e-3, -2e-3])).abs().max()) <= REACH_M
     for k, line in enumerate(found):
@@ -63,7 +63,7 @@ def test_what_is_found_lies_at_the_place_and_apart(model, fit):
 
 def test_the_same_seed_finds_the_same(model, fit, monkeypatch):
     monkeypatch.setattr(evolution, "GENERATIONS", 2)
-    once, again = (evolved(fit.metric, model.heights(LINES), PLACE, 3) for _ in range(2))
+    once, again = (evolved(fit.metric, LINES, PLACE, 3) for _ in range(2))
     assert torch.equal(once, again)
 
 
@@ -73,7 +73,7 @@ def test_evaluations_are_told_and_may_end_it(model, fit):
 
     timed = ImageFit(SCENE, noisy_image(model), model, 2 * N, photons_per_pixel=4, report=stopped)
     with pytest.raises(KeyboardInterrupt):
-        evolved(timed, model.heights(LINES), PLACE)
+        evolved(timed, LINES, PLACE)
 
 
 @pytest.mark.parametrize("evolves", [False, True])

@@ -116,7 +116,7 @@ def test_a_short_line_jumps_to_its_length(model, image, missing_m):
     moved, has_jumped = jump(fit, short)
     assert has_jumped and error_um(model, moved) < 0.3 * error_um(model, short)
     if missing_m > 1e-3:
-        assert suspects(fit, model, model.parts(short)[0])[0] == 0
+        assert suspects(fit, model, short)[0] == 0
     right, jumped_again = jump(fit, LINES)
     assert not jumped_again and torch.equal(right, LINES)
 

@@ -136,6 +136,9 @@ def test_waves_are_added_to_lines(overlap):
     torch.testing.assert_close(beside.heights(LINES), heights + added)
     parts = model.parts(LINES)[0]
     torch.testing.assert_close(beside.without(parts, [(0,), (1,)]), model.without(parts, [(0,), (1,)]) + added)
+    tried = LINES[:2].flip(0) + 1e-4
+    torch.testing.assert_close(beside.with_each(LINES, tried), model.with_each(LINES, tried) + added)
+    torch.testing.assert_close(beside.heights_without_each(LINES), model.heights_without_each(LINES) + added)
 
 
 def test_short_lines_may_only_have_told_waves():
