@@ -20,6 +20,7 @@ from nets.reconstruct.fibres.bench.gap_fits import (
     BENCH_GAIN,
     Run,
     deviations_asked,
+    fit_as_noise_tells,
     fit_with_every_number,
     fit_with_gap,
     fit_with_glass,
@@ -94,6 +95,7 @@ def fit_with_bench(run: Run) -> None:
             fit_with_gap(run)
         fit_with_glass(run)
         fit_with_every_number(run)
+        fit_as_noise_tells(run)
 
 
 def is_first(run: Run) -> bool:

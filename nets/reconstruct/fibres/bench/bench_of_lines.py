@@ -17,7 +17,12 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on, stretched
-from nets.reconstruct.fibres.bench.line_posterior import JointCovariance, joint_covariance, misfit_weight
+from nets.reconstruct.fibres.bench.line_posterior import (
+    CORRELATED_PX,
+    JointCovariance,
+    joint_covariance,
+    misfit_weight,
+)
 from nets.reconstruct.fibres.image.descent import Beside
 from nets.reconstruct.fibres.image.descent_numbers import by_shape
 from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, METRIC_PHOTONS_PER_PIXEL, WIDTH, ImageFit
@@ -96,6 +101,8 @@ class BenchOfLines:
     ):
         self.numbers, self.image, self.model, self.few, self.camera = numbers, image, model, few, camera
         self.with_section, self.report = with_section, report
+        self.correlated_px = CORRELATED_PX
+        """Pixels that err together, by which what is believed of the bench weighs in a search."""
         scene, pixels = numbers.scene, numbers.scene.image_pixels
         blur = blur_matrices(pixels, camera.blur, model.device) if np.any(camera.blur) else None
         self._model = BenchModel(numbers, pixels, model.device, blur)
@@ -205,7 +212,7 @@ class BenchOfLines:
         at = np.array([bench.values[name] for name in self.numbers.names])
         told = np.array([self.numbers.before[name] for name in self.numbers.names])
         before = np.concatenate([(told - at) / self._widths[:count], -bench.field / self._widths[count:]])
-        return Beside(modes, before, misfit_weight(fit, loss))
+        return Beside(modes, before, misfit_weight(fit, loss, self.correlated_px))
 
     def evidence(self, lines: torch.Tensor, bench: Bench, some: Sequence[Collection[str]]) -> list[float]:
         """For another bench: what that, and lines there, would take off the misfit, in squares of deviations.

@@ -234,7 +234,7 @@ class GapOfLines:
         fit, heights = self.fit_on(bench), self.model.heights(lines)
         fit.correct_at(heights)
         loss = fit.loss(heights)
-        weight, asked = misfit_weight(fit, loss), min(significant, HINTING)
+        weight, asked = misfit_weight(fit, loss, self.together.correlated_px), min(significant, HINTING)
         lens = lens_beside(fit, heights, weight) if self.has_lens else None
         search = _Valley(self, bench, weight, fit.missing, lens)
         given = Trial(0.0, bench, lines, self.model.shape, loss + search.believed(bench))

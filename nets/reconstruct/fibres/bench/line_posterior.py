@@ -50,10 +50,16 @@ class JointCovariance:
     places: tuple[int, ...] = ()
 
 
-def misfit_weight(fit: ImageFit, loss: float) -> float:
-    """Of half the square of one standard deviation, in units of the misfit, at which the image leaves so much."""
+def misfit_weight(fit: ImageFit, loss: float, correlated_px: float = CORRELATED_PX) -> float:
+    """Of half the square of one standard deviation, in units of the misfit, at which the image leaves so much.
+
+    Args:
+        fit: whose pixels count.
+        loss: what the image leaves.
+        correlated_px: pixels that err together.
+    """
     counted = float((fit.measurement.weight > 0).sum())
-    return 2 * loss * CORRELATED_PX / max(counted, 1.0)
+    return 2 * loss * correlated_px / max(counted, 1.0)
 
 
 def joint_covariance(

@@ -6,8 +6,15 @@ import pytest
 
 from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import gap_fits
-from nets.reconstruct.fibres.bench.gap_fits import fit_with_every_number, fit_with_gap, least_gain, unlikely
+from nets.reconstruct.fibres.bench.gap_fits import (
+    fit_as_noise_tells,
+    fit_with_every_number,
+    fit_with_gap,
+    least_gain,
+    unlikely,
+)
 from nets.reconstruct.fibres.bench.gap_of_lines import likeliest
+from nets.reconstruct.fibres.bench.line_posterior import misfit_weight
 from nets.reconstruct.fibres.bench.run_state import RunState
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with, photographed, run_with
@@ -61,6 +68,42 @@ def test_what_is_left_falls_by_what_is_told(model):
     assert least_gain(run, 0.0) == 1.0
     assert 1 - least_gain(run, 16.0) == pytest.approx(800 / counted)
     assert least_gain(run, -16.0) > 1.0
+
+
+@pytest.mark.parametrize(("leaves", "is_kept"), [((0.999, 0.998), True), ((1.0, 1.001), False)])
+def test_a_bench_is_asked_by_what_noise_lets_an_image_tell(model, monkeypatch, leaves, is_kept):
+    run, asked = run_with(model, photographed(model, bench_with(gap_m=WIDER_M)), LINES), []
+    left = dict(enumerate((1.0, *leaves), start=1))
+    run.bench, run.asked = bench_with(gap_m=WIDER_M), ("gap_m",)
+    run.view = run.on(run.bench)
+
+    def with_valley(together, lines, bench):
+        asked.append(together.correlated_px)
+        return lines, bench_with(gap_m=(1 + len(asked)) * WIDER_M)
+
+    monkeypatch.setattr(gap_fits, "with_valley", with_valley)
+    monkeypatch.setattr(LinesView, "left", lambda view, _: left[round(-view.scene.screen_position_m[2] / WIDER_M)])
+    monkeypatch.setattr(LinesView, "is_settled", lambda view, _: True)
+    fit_as_noise_tells(run)
+    assert asked == [10.0, 1.0]
+    assert run.bench.values["gap_m"] == pytest.approx((3 if is_kept else 1) * WIDER_M)
+    assert (run.covariance is not None) == is_kept
+    run.asked = ("ambient",)
+    fit_as_noise_tells(run)
+    run.asked = ("gap_m",)
+    monkeypatch.setattr(LinesView, "is_settled", lambda view, _: False)
+    fit_as_noise_tells(run)
+    assert len(asked) == 2, "gap, base and index are as told, or more than noise is left"
+
+
+def test_fewer_pixels_that_err_together_weigh_a_belief_less(model):
+    run = run_with(model, photographed(model, bench_with()), LINES)
+    together = run.together()
+    fit = together.fit_on(run.bench)
+    weight = together._beside(fit, LINES, run.bench, 0.01).weight
+    together.correlated_px /= 10
+    assert together._beside(fit, LINES, run.bench, 0.01).weight == pytest.approx(weight / 10)
+    assert weight == pytest.approx(misfit_weight(fit, 0.01)) == pytest.approx(10 * misfit_weight(fit, 0.01, 10.0))
 
 
 def test_how_unlikely_a_bench_is():
