@@ -210,7 +210,9 @@ def test_dim_and_bright_light(name, exposure, plain, make, image):
     if name in DIVIDES_EXPOSURE:
         change = result.heights_m - nominal.heights_m
         assert result.residual == pytest.approx(nominal.residual, abs=0.01)
-        assert np.sqrt((change**2).mean()) < 0.02 * np.sqrt((nominal.heights_m**2).mean()) + 1e-6
+        # Lines that 16 samples do not tell are 11 or 12, by an exposure that is found to 1e-4: 2.7 % of heights.
+        most = 0.04 if name == "fibres" else 0.02
+        assert np.sqrt((change**2).mean()) < most * np.sqrt((nominal.heights_m**2).mean()) + 1e-6
 
 
 @pytest.mark.parametrize("name", [name for name in ALL_METHODS if name not in NETWORKS])

@@ -7,11 +7,13 @@ import pytest
 import torch
 
 import nets.reconstruct.fibres.lines_of_image as lines_module
+import nets.reconstruct.fibres.search.line_search as line_search
 import nets.reconstruct.fibres.search.second_look as second_look
 import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.image.descent import Fitted
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.options import FibresOptions
 from nets.reconstruct.methods import create
@@ -76,8 +78,14 @@ def test_a_line_that_was_missed_is_found_at_the_second_look(model, image, method
     assert np.abs(shown[0][left_out > 1e-4]).mean() < np.abs(model.heights(LINES).numpy()[left_out > 1e-4]).mean() / 2
 
 
-def test_a_line_that_was_missed_is_grown_where_heights_go(model, image, method):
-    """A descent of heights begins to grow it; no network need be asked."""
+def test_a_line_that_was_missed_is_grown_where_heights_go(model, image, method, monkeypatch):
+    """A descent of heights begins to grow it; no network need be asked. It is what is left of the image else."""
+
+    def nothing_seen(fit, lines, most, quick):
+        return Fitted(lines, fit.loss(fit.model.heights(lines)))
+
+    assert "looks" not in method(None, by_heights=True, jumps=1)[0].reconstruct(image).counters
+    monkeypatch.setattr(line_search, "grown_in_shadows", nothing_seen)
     fibres, shown = method(None, by_heights=True, jumps=1)
     result = fibres.reconstruct(image)
     assert not shown and result.counters["looks"] == 1
