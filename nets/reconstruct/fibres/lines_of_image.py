@@ -15,7 +15,7 @@ from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_lens,
     with_spread_of,
 )
-from nets.reconstruct.fibres.bench.gap_fits import fit_with_gap, fit_with_gap_and_lens
+from nets.reconstruct.fibres.bench.gap_fits import fit_with_gap
 from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.lens_or_light import fit_through_lens_or_with_light
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light, fit_with_losses
@@ -197,8 +197,6 @@ class LinesOfImage:
             fit_through_blurring_lens(self)
             if self.view is not view:
                 self._fit_with_bench()
-            if self._asks_bench() and not self.method.takes_bench_as_told:
-                fit_with_gap_and_lens(self)
 
     def _fit_with_bench(self) -> None:
         """Lines on the bench they tell."""

@@ -120,12 +120,8 @@ def fit_with_blur(run: Run) -> None:
         _is_taken(run, seen)
 
 
-def fit_with_spread(run: Run, gain: float | None = None) -> None:
+def fit_with_spread(run: Run) -> None:
     """Lines and view with the point spread that they tell, in turn, while that leaves less of the image.
-
-    Args:
-        run: whose lines are near enough to the plate's.
-        gain: factor by which what is left must fall in each round; None for the usual one.
 
     Raises:
         KeyboardInterrupt: the run's time is over; lines are those so far.
@@ -137,7 +133,7 @@ def fit_with_spread(run: Run, gain: float | None = None) -> None:
         seen = LinesView(run.view.resimulation.blurred_by(camera), run.model)
         if not run.view.camera.blurs and not _leaves_less(seen, run.lines, run.view):
             return
-        if not _is_taken(run, seen, gain or gain_of_spread(run.view)):
+        if not _is_taken(run, seen, gain_of_spread(run.view)):
             return
 
 

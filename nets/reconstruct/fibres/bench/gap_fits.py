@@ -13,7 +13,7 @@ from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.camera_of_lines import Run as RunWithCamera
 from nets.reconstruct.fibres.bench.camera_of_lines import fit_with_spread
-from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER, GapOfLines, likeliest, on_other_bench, with_valley
+from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER, likeliest, on_other_bench, with_valley
 from nets.reconstruct.fibres.bench.less_believed import (
     FAR,
     believed_at_first,
@@ -35,8 +35,6 @@ AS_WELL = 1.002
 UNLIKE, UNLIKE_BLURRED = 2e-3, 2.0
 """Of flat light, that a picture of another size is simulated wrong by, root mean square, and the power by which that
 falls per pixel of blur: 0.15 to 0.23 % without, half behind 0.35 px, a fifth behind 0.8."""
-LENS_ROUNDS, LENS_GAIN = 3, 0.9995
-"""In which gap and lens are found together, and the factor by which a point spread must lower what is left then."""
 TELLING = (10.0, 100.0)
 """Times that an image tells more, one after the other: at last as much as if noise were all that is left of it."""
 BELIEVED_BY = 4
@@ -155,35 +153,6 @@ def fit_with_gap(run: Run) -> None:
 
     if kept_if_less(run, fit):
         run.bench = made[0].with_sigma(run.bench, told_by(run, made[0]))
-
-
-def fit_with_gap_and_lens(run: Run) -> None:
-    """Lines with gap, base and index as one number, and the point spread of the lens along with it.
-
-    Each by itself makes up for most of what is wrong of the other (:mod:`.lens_modes`): of 31 own plates whose lens was
-    found, 26 were left on benches on which light goes 0.1 to 0.6 % too little far, of 0.9 and 3.2 that it went farther
-    than told, and told nothing more. Asked last, of lines that explain the image.
-
-    Raises:
-        KeyboardInterrupt: the run's time is over; lines are as they were.
-    """
-
-    def fit() -> float:
-        is_as_told = not set(BEND_LIGHT) & set(run.asked) or run.covariance is None
-        asked = deviations_asked(run, SIGNIFICANT if is_as_told else FARTHER)
-        found = GapOfLines(run.together(), has_lens=True)(run.lines, run.bench, significant=asked)
-        if found is None:
-            return 0.0
-        run.lines, run.bench = found
-        run.view = run.on(run.bench)
-        fit_with_spread(run, LENS_GAIN)
-        return AS_WELL
-
-    for _ in range(LENS_ROUNDS):
-        is_asked = run.view.camera.spread is not None and run.view.is_explained(run.lines)
-        if not is_asked or is_other_glass(run) or not kept_if_less(run, fit):
-            break
-        told_by(run, run.together())
 
 
 def fit_as_noise_tells(run: Run) -> None:

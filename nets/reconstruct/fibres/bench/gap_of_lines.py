@@ -22,9 +22,7 @@ import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
-from nets.reconstruct.fibres.bench.lens_modes import lens_beside
 from nets.reconstruct.fibres.bench.line_posterior import misfit_weight
-from nets.reconstruct.fibres.image.descent import Beside
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength
 from warp_caustics.errors import InputError
@@ -171,11 +169,9 @@ class GapOfLines:
 
     Args:
         together: misfits of the image on benches; of its numbers gap, base and index are moved.
-        has_lens: whether the camera's point spread may change along the valley (:mod:`.lens_modes`).
     """
 
-    def __init__(self, together: BenchOfLines, *, has_lens: bool = False):
-        self.has_lens = has_lens
+    def __init__(self, together: BenchOfLines):
         self.together, self.numbers, self.model = together, together.numbers, together.model
         # All wavelengths tell as much more as there are of them; a core takes as many times as long for them.
         is_quick = self.model.device.type == "cuda"
@@ -235,8 +231,7 @@ class GapOfLines:
         fit.correct_at(heights)
         loss = fit.loss(heights)
         weight, asked = misfit_weight(fit, loss, self.together.correlated_px), min(significant, HINTING)
-        lens = lens_beside(fit, heights, weight) if self.has_lens else None
-        search = _Valley(self, bench, weight, fit.missing, lens)
+        search = _Valley(self, bench, weight, fit.missing)
         given = Trial(0.0, bench, lines, self.model.shape, loss + search.believed(bench))
         # Lines have descended here, on all wavelengths; those that descend on one a step away seldom leave less.
         sides = [search.trial(given, side * FIRST_STEP, ASKING_ITERATIONS) for side in (-1, 1)]
@@ -319,15 +314,7 @@ def with_valley(together: BenchOfLines, lines: torch.Tensor, bench: Bench) -> tu
 class _Valley:
     """Trials along the valley from one bench."""
 
-    def __init__(
-        self,
-        method: GapOfLines,
-        bench: Bench,
-        weight: float,
-        missing: torch.Tensor | None = None,
-        lens: Beside | None = None,
-    ):
-        self._lens = lens
+    def __init__(self, method: GapOfLines, bench: Bench, weight: float, missing: torch.Tensor | None = None):
         self.method, self.numbers, self.bench, self.weight = method, method.numbers, bench, weight
         # All along the valley the image is nearly the same, and with it what its lattice is off by.
         self._missing = missing
@@ -357,9 +344,7 @@ class _Valley:
             fit = self.method.fit_on(start.bench)
             fit.correct_by(self._missing)
             model.shape = start.shape
-            found = fit.descend(
-                start.lines, iterations, with_section=self.method.together.with_section, beside=self._lens
-            )
+            found = fit.descend(start.lines, iterations, with_section=self.method.together.with_section)
         except InputError:
             model.shape = near.shape
             return dataclasses.replace(near, share=share, loss=math.inf)
