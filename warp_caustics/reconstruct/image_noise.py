@@ -1,6 +1,7 @@
 """How strong an image's noise is: what pixels have by themselves, shot noise, and grain that grows with the light."""
 
 from dataclasses import replace
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from warp_caustics.io.noise import estimate_noise_std
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.colour_filters import of_one_filter
 from warp_caustics.reconstruct.objective import Measurement
+from warp_caustics.reconstruct.pyramid import DARK_FLOOR
 from warp_caustics.scene import Scene
 from warp_caustics.types import FloatArray
 
@@ -57,6 +59,35 @@ def estimated_grain(image: CausticImage, scene: Scene) -> FloatArray:
         if level > 0 and np.isfinite(noise):
             found[channel] = estimate_grain(values, level, float(noise), valid)
     return found
+
+
+class NoiseOfLight(NamedTuple):
+    """How strong noise is by the light that a pixel gets, not by what was measured there.
+
+    The noise of what was measured has the noise in it: pixels that are too bright by chance count less, and where
+    neighbours share their noise and its spectrum is divided out, that makes the light of a bench 1.8 % too dark, in
+    grain of 2 %.
+
+    Attributes:
+        own: standard deviation of noise that pixels do not share, in light of the radiosity, relative to it, shape
+            [n_w, 1, 1].
+        grain: the same of noise that grows with the light, same shape.
+    """
+
+    own: torch.Tensor
+    grain: torch.Tensor
+
+    @classmethod
+    def of(cls, image: CausticImage, scene: Scene, device: torch.device) -> Self:
+        """Of an image whose noise is known."""
+        level = np.where(np.asarray(scene.radiosity_W_m2) > 0, scene.radiosity_W_m2, 1.0)
+        parts = np.asarray(image.noise_std, np.float64) / level, estimated_grain(image, scene)
+        return cls(*(torch.as_tensor(each, device=device)[:, None, None] for each in parts))
+
+    def __call__(self, light: torch.Tensor) -> torch.Tensor:
+        """Standard deviation of each pixel; light and it in units of the radiosity, shape [n_w, m, m]."""
+        seen = light.clamp_min(DARK_FLOOR)
+        return torch.hypot(self.own * seen.sqrt(), self.grain * seen)
 
 
 def with_grain(measurement: Measurement, image: CausticImage, scene: Scene) -> Measurement:

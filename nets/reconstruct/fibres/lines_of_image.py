@@ -20,6 +20,7 @@ from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.lens_or_light import fit_through_lens_or_with_light
 from nets.reconstruct.fibres.bench.light_of_lines import fit_with_light, fit_with_losses
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
 from nets.reconstruct.fibres.bench.section_of_lines import fit_with_section_or_bench
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.discrepancy import is_explained
@@ -142,6 +143,7 @@ class LinesOfImage:
                 self._fit_with_all()
                 if self._looked_at_again() and self._is_near():
                     self._fit_with_all()
+                self._fit_by_noise()
             if self.covariance is not None and self.counted is not self.lines:
                 self.covariance = self.together(self.asked).covariance(self.lines, self.bench)
                 self.counted = self.lines
@@ -209,6 +211,13 @@ class LinesOfImage:
                 fit_through_blurring_lens(self)
         if self._asks_bench():
             fit_with_bench(self)
+
+    def _fit_by_noise(self) -> None:
+        """Lines and bench by what is left of the image, where that is nothing but noise and tells clearly more."""
+        if self.method.options.steps_on(self.method.device.type) and not self.method.takes_bench_as_told:
+            told = fit_by_noise(self)
+            if told is not None:
+                self.counters["last_steps"] = dataclasses.asdict(told)
 
     def _looked_at_again(self) -> bool:
         """Lines searched for anew where they leave more than noise; whether others were found."""

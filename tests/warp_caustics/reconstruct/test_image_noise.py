@@ -6,7 +6,7 @@ import torch
 
 from tests.warp_caustics.io.test_grain import picture
 from warp_caustics.reconstruct.base import CausticImage
-from warp_caustics.reconstruct.image_noise import estimated_grain, estimated_noise, with_grain
+from warp_caustics.reconstruct.image_noise import NoiseOfLight, estimated_grain, estimated_noise, with_grain
 from warp_caustics.reconstruct.pyramid import measurement_at
 from warp_caustics.scene import Scene
 
@@ -45,3 +45,15 @@ def test_a_channel_without_light_has_no_grain():
     dark = SCENE.model_copy(update={"radiosity_W_m2": (1.0, 0.0, 1.0)})
     grain = estimated_grain(taken(0.03), dark)
     assert grain[1] == 0 and grain[0] > 0.02 and grain[2] > 0.02
+
+
+def test_noise_by_the_light_is_that_of_a_measurement_but_for_its_own_noise():
+    image = taken(0.03)
+    plain = measurement_at(image, SCENE, 256, CPU)
+    told = NoiseOfLight.of(image, SCENE, CPU)
+    torch.testing.assert_close(told(plain.irradiance.double()), with_grain(plain, image, SCENE).noise)
+    even = told(torch.ones(3, 256, 256, dtype=torch.float64))
+    assert float(even.std()) < 1e-12 + float(told.grain.std()) + float(told.own.std())
+    np.testing.assert_allclose(
+        even[:, 0, 0], np.hypot(image.noise_std / np.asarray(SCENE.radiosity_W_m2), 0.03), rtol=0.15
+    )

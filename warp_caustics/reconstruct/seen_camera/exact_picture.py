@@ -17,9 +17,11 @@ class ExactPicture:
         simulator: a lattice of the scene, in whose units pictures are.
         camera: that took pictures, whose channels are brought together as those of what was measured.
         times: as of :class:`~warp_caustics.extrapolated.ExtrapolatedCaustic`, where the pixels' picture itself will do.
+        finer: times as many fine pixels along the image, and photons for them: of 512 pixels twice as many are 0.02 to
+            0.2 % of flat light nearer, where pictures are 0.2 to 0.5 % off.
     """
 
-    def __init__(self, simulator: CausticSimulator, camera: ChannelCamera, times: int = 2):
+    def __init__(self, simulator: CausticSimulator, camera: ChannelCamera, times: int = 2, finer: int = 1):
         pixels = simulator.scene.image_pixels
         # On fewer pixels neither is known.
         is_whole = camera.pixels == pixels
@@ -29,10 +31,10 @@ class ExactPicture:
         self._light: FineLight | ExtrapolatedCaustic
         self._blur: torch.Tensor | None = None
         if self._spread is not None:
-            self._light = light = FineLight(simulator, 1.0 if self._lays is None else camera.size)
+            self._light = light = FineLight(simulator, 1.0 if self._lays is None else camera.size, finer)
             self._lays = light.lays_of_light(self._lays)
         else:
-            self._light = ExtrapolatedCaustic(simulator, times)
+            self._light = ExtrapolatedCaustic(simulator, times * finer**2)
             blur = camera.blur_at(pixels)
             self._blur = blur_matrices(pixels, blur, simulator.device) if blur.any() else None
         self._pixels = pixels

@@ -142,15 +142,16 @@ class FineLight:
     Args:
         simulator: a lattice of the scene, whose units and device are kept.
         size: so many times as large as the plate's the picture was taken, about.
+        finer: times as many fine pixels as usual.
 
     Attributes:
         size: so many times as large as the plate's the light is.
     """
 
-    def __init__(self, simulator: CausticSimulator, size: float = 1.0):
+    def __init__(self, simulator: CausticSimulator, size: float = 1.0, finer: int = 1):
         self._simulator = simulator
         self.pixels = simulator.scene.image_pixels
-        self.fine_pixels = self.pixels * max(2, min(FINENESS, MOST_FINE_PIXELS // self.pixels))
+        self.fine_pixels = finer * self.pixels * max(2, min(FINENESS, MOST_FINE_PIXELS // self.pixels))
         self._beside = round(self.fine_pixels * (size - 1) / 2)
         self.size = 1 + 2 * self._beside / self.fine_pixels
 

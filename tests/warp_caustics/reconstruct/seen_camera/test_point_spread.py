@@ -240,3 +240,13 @@ def test_an_exact_picture_has_the_spread(heights, fine):
     torch.testing.assert_close(ExactPicture(SIMULATOR, camera)(heights), spread(fine, PIXELS))
     plain = dataclasses.replace(camera, spread=None)
     assert off(ExactPicture(SIMULATOR, plain)(heights), by_kernel(fine, gaussian(0.5))) > 2e-2
+
+
+def test_a_finer_picture_is_nearer_to_the_finest(heights):
+    spread = spread_of(lens_px=0.3)
+    camera = dataclasses.replace(ChannelCamera.perfect(3, PIXELS), blur=np.full(3, 0.3), spread=spread)
+    usual, finer, finest = (ExactPicture(SIMULATOR, camera, finer=times)(heights) for times in (1, 2, 4))
+    assert off(finer, finest) < 0.3 * off(usual, finest)
+    sharp = ChannelCamera.perfect(3, PIXELS)
+    usual, finer, finest = (ExactPicture(SIMULATOR, sharp, finer=times)(heights) for times in (1, 2, 4))
+    assert off(finer, finest) < 0.5 * off(usual, finest)

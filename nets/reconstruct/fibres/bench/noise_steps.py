@@ -1,0 +1,381 @@
+r"""Steps to where lines, bench, light and lens together leave least, by nothing but the noise of an image.
+
+Gauss-Newton (Nocedal & Wright, Numerical Optimization, section 10.3) of all that was found,
+
+$$\sum_i \rho(W (y(\theta) - y) / s)_i + \sum_k ((\theta_k - told_k) / w_k)^2, \qquad
+\rho(r) = 2 c^2 (\sqrt{1 + r^2 / c^2} - 1),$$
+
+y in the units of what was measured, so that stray light and the lamp's evenness change what is shown and not the noise;
+s each pixel's noise, grain and all, by the light that is shown there; W makes noise white that neighbours share
+(:mod:`warp_caustics.reconstruct.noise_spectrum`). Pictures are those through the camera's point spread, without the
+error of the fits' lattice. So an image tells of a bench what its noise lets it, where a search, whose lines are not yet
+right, has a hundred pixels err together: five lines left as told, 6.6 um off, end 0.9 um off.
+
+What pictures are simulated wrong by, e, is no noise: it changes with every number, and of two benches either leaves up
+to 2 |W e / s| less by it. A finer picture tells how much that is, and less is no reason for a step.
+
+Cost: two pictures for each number a step; 20 to 30 s for seven to 18 lines where seven plates share an H200, 80 s for
+five lines on two cores, at 512 pixels.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+import torch
+
+from nets.reconstruct.fibres.bench import lens_weights
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, flat_ratio
+from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
+from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.run_state import LinesRun
+from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
+from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from warp_caustics.calibration.view_model import difference_ends
+from warp_caustics.errors import InputError
+from warp_caustics.found_bench.bench_model import STEP
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
+from warp_caustics.prints.model import Shape
+from warp_caustics.reconstruct.image_noise import NoiseOfLight
+from warp_caustics.reconstruct.noise_spectrum import Whitening
+from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, simulator_at
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
+from warp_caustics.setup.optical import optical_steps
+from warp_caustics.types import FloatArray
+
+ROBUST = 3.0
+"""Deviations c from which on a pixel counts less."""
+ROUNDS = 5
+PARTS = 1.0, 0.3
+"""Of a step, the first that leaves less."""
+NOISE_ROUNDS = 2
+"""In which noise and lens are asked: what is left by lines that are not yet right is in the first one."""
+STEP_M = 1e-4
+"""By which a line's number may move in a step at the price of one squared deviation: ends that hide are not told."""
+FINER = 2
+"""Times as many fine pixels, whose picture tells what others are off by."""
+SURE = 5.0
+"""Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of own plates
+three that asked for 5.5 to 18 times it came nearer, two that asked for 3.5 and 4.3 did not."""
+
+
+class Lit(NamedTuple):
+    """What a bench and its light make of a picture on that bench's own even plate: factor * E + added.
+
+    Attributes:
+        factor: shape [n_w, m, m] [1].
+        added: of stray light, in units of the radiosity, same shape.
+    """
+
+    factor: torch.Tensor
+    added: torch.Tensor
+
+    @classmethod
+    def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "Lit":
+        """By a bench (:func:`~nets.reconstruct.fibres.bench.bench_and_light.lit`)."""
+        stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
+        light = bench.light(numbers.scene.image_pixels) / (1 + stray)
+        parts = light / flat_ratio(numbers, bench), stray * light
+        return cls(*(torch.tensor(each, dtype=torch.float64, device=device) for each in parts))
+
+
+class Place(NamedTuple):
+    """Lines, their section, bench and camera.
+
+    Attributes:
+        lines: shape [L, 6] [m].
+        shape: of their section.
+        bench: with its light.
+        camera: with its point spread.
+    """
+
+    lines: torch.Tensor
+    shape: Shape
+    bench: Bench
+    camera: ChannelCamera
+
+
+@dataclasses.dataclass
+class Told:
+    """What an image told, in squared deviations of its noise.
+
+    Attributes:
+        asked: that lines and bench would gain beside light and lens, to second order.
+        least: that steps must gain to be no error of simulation.
+        gained: by all steps.
+        steps: that were made.
+    """
+
+    asked: float = 0.0
+    least: float = 0.0
+    gained: float = 0.0
+    steps: int = 0
+
+    @property
+    def is_more(self) -> bool:
+        """Whether steps gained more than simulations are wrong by."""
+        return self.steps > 0 and self.gained > self.least
+
+
+class _Linear(NamedTuple):
+    """The picture about a place: P numbers of lines and their shape, then K of the bench, its light and the lens.
+
+    Attributes:
+        at: the numbers of lines and shape, shape [P].
+        information: shape [P + K, P + K].
+        gradient: shape [P + K].
+        lowest: to which numbers may move from where they are, 0 or less, same shape.
+        highest: the same upwards.
+    """
+
+    at: FloatArray
+    information: FloatArray
+    gradient: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+
+    def step(self, first: int = 0) -> FloatArray:
+        """To the least of all numbers, or of those from one on, within what they may be; shape [P + K].
+
+        A number at its end is held by where all go together: no stray light, which lines made up for, comes back as the
+        gap is found, though by itself it would be less than none.
+        """
+        moves = (np.arange(len(self.gradient)) >= first) & (self.highest > self.lowest)
+        scale = np.sqrt(np.maximum(np.diag(self.information)[moves], 1e-30))
+        root = np.linalg.cholesky(self.information[np.ix_(moves, moves)] / np.outer(scale, scale))
+        right = np.linalg.solve(root, -self.gradient[moves] / scale)
+        ends = self.lowest[moves] * scale, self.highest[moves] * scale
+        step: FloatArray = np.zeros(len(self.gradient))
+        step[moves] = scipy.optimize.lsq_linear(root.T, right, ends, method="bvls").x / scale
+        return step
+
+    def gain(self, step: FloatArray) -> float:
+        """Of a step, in squared deviations, to second order."""
+        return -float(2 * self.gradient @ step + step @ self.information @ step)
+
+
+class Run(LinesRun, Protocol):
+    """Lines of one image so far."""
+
+    def note(self, loss: float) -> None:
+        """Told after each evaluation; may raise."""
+
+    def on(self, bench: Bench, camera: ChannelCamera | None = None) -> LinesView:
+        """The image on a bench, with a camera or the one that the lines tell there."""
+
+
+class NoiseSteps:
+    """Steps from lines that leave nothing but noise.
+
+    Args:
+        run: whose lines, on their bench and through their camera.
+
+    Raises:
+        ValueError: the noise of the image is unknown.
+    """
+
+    def __init__(self, run: Run):
+        self.run, self.model, self.numbers = run, run.model, run.numbers
+        self._pixels, view = self.numbers.scene.image_pixels, run.view
+        whole = view.discrepancy.whole
+        if whole.noise is None:
+            raise ValueError("steps by the noise of an image need that noise; tell it")
+        self.device = whole.irradiance.device
+        lit = Lit.by(self.numbers, run.bench, self.device)
+        self._measured = whole.irradiance.double() * lit.factor + lit.added
+        self._counts = (whole.weight > 0).double()
+        self._noise_of = NoiseOfLight.of(view.image_with_noise, view.scene, self.device)
+        self._own_lit = lit.factor
+        channels = self.numbers.scene.n_wavelengths
+        self._field = torch.from_numpy(field_modes(channels, self._pixels)).to(self._measured)
+        self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
+        self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
+        self._noise = whole.noise.double() * lit.factor
+        self._white = Whitening.of(torch.zeros_like(self._measured), self._counts)
+        self.told = Told()
+
+    def __call__(self) -> Place:
+        """Where lines, bench, light and lens leave less, or as they are; the model keeps its section."""
+        run, shape = self.run, self.model.shape
+        here = Place(run.lines, shape, run.bench, run.view.camera)
+        try:
+            for count in range(ROUNDS):
+                picture = self._at(here)
+                if count < NOISE_ROUNDS:
+                    here, picture = self._with_lens(here, picture)
+                    self._ask_noise(picture, here.bench)
+                linear = self._linear(here, picture)
+                if not count:
+                    self.told.asked, self.told.least = self._asked(linear), self._least(here, picture)
+                    if self.told.asked <= self.told.least:
+                        break
+                there, gain = self._nearer(here, linear, picture)
+                if there is None:
+                    break
+                here = there
+                self.told.gained, self.told.steps = self.told.gained + gain, self.told.steps + 1
+                run.note(self._left(self._at(here)))
+                if gain < self.told.least:
+                    break
+        finally:
+            self.model.shape = shape
+        return here
+
+    def shown(self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1) -> torch.Tensor:
+        """What a relief [m], shape [n, n], shows on a bench as it would be measured, shape [n_w, m, m]."""
+        lit = Lit.by(self.numbers, bench, self.device)
+        return self._picture(bench, camera, finer)(heights.float()).double() * lit.factor + lit.added
+
+    def _at(self, place: Place) -> torch.Tensor:
+        self.model.shape = place.shape
+        return self.shown(self.model.heights(place.lines), place.bench, place.camera)
+
+    def _picture(self, bench: Bench, camera: ChannelCamera, finer: int = 1) -> ExactPicture:
+        scene = self.numbers.scene_of(bench.values)
+        simulator = simulator_at(scene, self._pixels, self.device, FINE_PHOTONS_PER_PIXEL)
+        return ExactPicture(simulator, camera, finer=finer)
+
+    def _ask_noise(self, picture: torch.Tensor, bench: Bench) -> None:
+        """Noise by what is shown, and its spectrum by what is left."""
+        lit = Lit.by(self.numbers, bench, self.device)
+        # The image's noise is told as on the even plate of the bench that the run is on.
+        self._noise = self._noise_of((picture - lit.added) / lit.factor) * self._own_lit
+        self._white = Whitening.of((picture - self._measured) / self._noise, self._counts)
+
+    def _deviations(self, rest: torch.Tensor) -> torch.Tensor:
+        return self._white(rest / self._noise)
+
+    def _left(self, picture: torch.Tensor) -> float:
+        """Squared deviations of what is left by a picture, shape [n_w, m, m]."""
+        far = (self._deviations(picture - self._measured) / ROBUST) ** 2
+        return float((self._counts * 2 * ROBUST**2 * ((1 + far).sqrt() - 1)).sum())
+
+    def _with_lens(self, here: Place, picture: torch.Tensor) -> tuple[Place, torch.Tensor]:
+        """With the lens that lines tell where they are, whose form steps do not change, if that leaves less."""
+        if here.camera.spread is None:
+            return here, picture
+        view = self.run.on(here.bench, here.camera)
+        there = here._replace(camera=view.resimulation.with_spread(view.relief(here.lines)))
+        if there.camera.spread is None or not there.camera.spread.is_plausible:
+            return here, picture
+        shown = self._at(there)
+        return (there, shown) if self._left(shown) < self._left(picture) else (here, picture)
+
+    def _believed(self, bench: Bench) -> FloatArray:
+        """Deviations of a bench and its light from what was told, shape [K]."""
+        values = np.array([bench.values[name] for name in self.numbers.names])
+        apart: FloatArray = np.concatenate([values - self._before, bench.field]) / self._widths
+        return apart
+
+    def _least(self, here: Place, picture: torch.Tensor) -> float:
+        """Squared deviations by which either of two places may leave less for no reason."""
+        self.model.shape = here.shape
+        finer = self.shown(self.model.heights(here.lines), here.bench, here.camera, FINER)
+        return SURE * 2 * float(self._deviations(finer - picture).norm())
+
+    def _asked(self, linear: _Linear) -> float:
+        """What lines and bench would gain beside light and lens."""
+        others = len(linear.at) + len(self.numbers.parameters)
+        return linear.gain(linear.step()) - linear.gain(linear.step(others))
+
+    def _linear(self, here: Place, picture: torch.Tensor) -> _Linear:
+        model = self.model
+        model.shape = here.shape
+        heights, by_line = model.with_jacobian(here.lines)
+        numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
+        at, believed = numbers.of(here.lines, here.shape), self._believed(here.bench)
+        beside = len(believed) + lens_weights.count_of(here.camera)
+        size = numbers.size + beside
+        jacobian = torch.empty(size, picture.numel(), dtype=torch.float32, device=self.device)
+        rest = self._deviations(picture - self._measured)
+        root = (self._counts / (1 + (rest / ROBUST) ** 2).sqrt()).sqrt()
+        rows = self._by_all(here, heights, numbers.derivatives(here.lines, by_line), picture)
+        for row, change in zip(jacobian, rows, strict=True):
+            row.copy_((self._deviations(change) * root).flatten())
+        information = (jacobian @ jacobian.T).double().cpu().numpy()
+        gradient = (jacobian @ (rest * root).flatten().float()).double().cpu().numpy()
+        own = np.full(numbers.size, STEP_M)
+        own[6 * len(here.lines) :] = [SHAPE_WIDTHS[place] for place in numbers.of_shape]
+        information += np.diag(np.append(own**-2.0, np.ones(beside)))
+        gradient[len(at) : len(at) + len(believed)] += believed
+        return _Linear(at, information, gradient, *self._ends(numbers, at, here.bench, size))
+
+    def _nearer(self, here: Place, linear: _Linear, picture: torch.Tensor) -> tuple[Place | None, float]:
+        """A place that leaves less, and by how much; None where there is none."""
+        believed, count = self._believed(here.bench), len(linear.at)
+        was, step = self._left(picture) + float(believed @ believed), linear.step()
+        for part in PARTS:
+            self.model.shape = here.shape
+            numbers = DescentNumbers(self.model, len(here.lines), self.run.moves_section)
+            lines = numbers.put(linear.at + part * step[:count])
+            bench = self._moved(here.bench, part * step[count : count + len(believed)])
+            camera = lens_weights.moved(here.camera, part * step[count + len(believed) :])
+            if camera.spread is not None and not camera.spread.is_plausible:
+                continue
+            there = Place(lines, self.model.shape, bench, camera)
+            try:
+                left = self._left(self._at(there))
+            except InputError:
+                continue
+            apart = self._believed(bench)
+            gain = was - left - float(apart @ apart)
+            if gain > 0:
+                return there, gain
+        return None, 0.0
+
+    def _by_all(
+        self, here: Place, heights: torch.Tensor, by_number: torch.Tensor, picture: torch.Tensor
+    ) -> Iterator[torch.Tensor]:
+        """Derivatives of what is shown: by the lines' numbers, and by bench, light and lens in their widths."""
+        bench, camera = here.bench, here.camera
+        exact, lit = self._picture(bench, camera), Lit.by(self.numbers, bench, self.device)
+        for derivative in by_number:
+            step = DIFFERENCE_M / float(derivative.abs().max().clamp_min(1e-6))
+            low, high = (exact((heights + side * step / 2 * derivative).float()) for side in (-1, 1))
+            yield (high - low).double() * lit.factor / step
+        light = torch.tensor(bench.light(self._pixels), device=self.device)
+        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(bench.values), self._pixels))
+        for parameter in self.numbers.parameters:
+            at = bench.values[parameter.name]
+            if parameter.name == AMBIENT:
+                yield parameter.prior * (light - picture) / (1 + at)
+                continue
+            between = difference_ends(parameter, at, STEP * steps[parameter.name])
+            values = ({**bench.values, parameter.name: end} for end in between)
+            others = (dataclasses.replace(bench, values=each) for each in values)
+            low, high = (picture if b.values == bench.values else self.shown(heights, b, camera) for b in others)
+            yield parameter.prior * (high - low) / (between[1] - between[0])
+        for mode in self._field:
+            yield FIELD_WIDTH * mode * picture / light
+        if lens_weights.count_of(camera):
+            sharp = self._picture(bench, lens_weights.sharpened(camera))(heights.float()).double()
+            for channel, change in lens_weights.derivatives(sharp):
+                row = torch.zeros_like(picture)
+                row[channel] = change * lit.factor[channel]
+                yield row
+
+    def _ends(self, numbers: DescentNumbers, at: FloatArray, bench: Bench, size: int) -> tuple[FloatArray, FloatArray]:
+        """How far numbers may move downwards and upwards, shape [P + K]."""
+        lowest, highest = np.full(size, -np.inf), np.full(size, np.inf)
+        ends = numbers.ends(at)
+        lowest[: len(at)], highest[: len(at)] = ends[0] - at, ends[1] - at
+        for k, p in enumerate(self.numbers.parameters, start=len(at)):
+            if p.name == VERGENCE and self.numbers.is_picture:
+                # Of a picture of another size that is its size, and the image has been brought back already.
+                lowest[k] = highest[k] = 0.0
+            else:
+                value = bench.values[p.name]
+                lowest[k], highest[k] = (p.low - value) / p.prior, (p.high - value) / p.prior
+        return np.minimum(lowest, 0.0), np.maximum(highest, 0.0)
+
+    def _moved(self, bench: Bench, step: FloatArray) -> Bench:
+        names, moved = self.numbers.names, step * self._widths
+        values = {name: bench.values[name] + float(d) for name, d in zip(names, moved, strict=False)}
+        found = {**bench.values, **self.numbers.within(values)}
+        return dataclasses.replace(
+            bench, values=found, field=bench.field + moved[len(names) :], rounds=bench.rounds + 1
+        )

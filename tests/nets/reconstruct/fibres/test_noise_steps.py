@@ -1,0 +1,175 @@
+"""Steps of lines and bench that nothing but an image's noise holds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from nets.reconstruct.fibres.bench import noise_steps
+from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
+from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise, is_open
+from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
+from nets.reconstruct.fibres.image.lines_view import LinesView
+from nets.reconstruct.fibres.options import FibresOptions
+from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with, photographed, run_with
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
+from warp_caustics.found_bench.thin_relief import ThinRelief
+from warp_caustics.prints.model import LineModel
+from warp_caustics.reconstruct.base import CausticImage
+from warp_caustics.reconstruct.result import Resimulation
+
+FARTHER = dict(gap_m=1.5e-4, tilt_x_rad=1.5e-3, ambient=0.01)
+
+
+@pytest.fixture
+def model():
+    return LineModel(SCENE)
+
+
+def left_as_told(model, true):
+    """A run whose lines explain an image of another bench on the told one."""
+    told = bench_with()
+    scenes = (NUMBERS.scene_of(each.values) for each in (true, told))
+    run = run_with(model, photographed(model, true), on_other_bench(LINES, *scenes))
+    on = run.on
+    run.on, run.note, run.told_share = lambda bench, camera=None: on(bench), lambda loss: None, None
+    run.lines, _ = run.together(["ambient"]).on(run.lines, told)
+    return run
+
+
+def way_of_light(bench):
+    return ThinRelief.of(NUMBERS.scene_of(bench.values)).linear
+
+
+def test_a_bench_that_was_left_as_told_is_found(model):
+    """Heights make up for it, and 100 pixels that err together do not tell it."""
+    true = bench_with(**FARTHER)
+    run = left_as_told(model, true)
+    assert run.view.is_settled(run.lines) and error_um(model, run.lines) > 8
+    told = fit_by_noise(run)
+    assert told.asked > 5 * told.least and told.gained > 5 * told.least and told.steps > 1
+    assert error_um(model, run.lines) < 0.4
+    assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=2e-3)
+    assert run.bench.values["ambient"] == pytest.approx(0.01, abs=1e-3)
+    assert set(run.asked) == set(NUMBERS.names) == set(run.bench.sigma)
+    assert run.covariance is not None and run.counted is run.lines
+    assert run.view.is_settled(run.lines)
+
+
+def test_lines_that_leave_no_more_than_noise_stay_where_they_are(model):
+    run = run_with(model, photographed(model, bench_with()), LINES.clone())
+    run.note, run.told_share = lambda loss: None, None
+    kept = run.lines, run.bench, run.view
+    told = fit_by_noise(run)
+    assert told.asked < told.least and told.steps == 0 and told.gained == 0
+    assert (run.lines, run.bench, run.view) == kept and run.covariance is None
+
+
+def test_less_than_simulations_are_wrong_by_is_no_reason(model, monkeypatch):
+    run = left_as_told(model, bench_with(**FARTHER))
+    lines, bench, shape = run.lines, run.bench, model.shape
+    monkeypatch.setattr(noise_steps, "SURE", 1e4)
+    told = fit_by_noise(run)
+    assert told.asked < told.least and run.lines is lines and run.bench is bench and model.shape == shape
+
+
+def test_lines_that_leave_more_than_noise_are_not_asked(model, monkeypatch):
+    run = left_as_told(model, bench_with(**FARTHER))
+    monkeypatch.setattr(LinesView, "is_settled", lambda self, lines: False)
+    assert fit_by_noise(run) is None
+
+
+@pytest.mark.parametrize(
+    ("told_share", "is_found", "expected"),
+    [((0.002, 0.003), False, False), ((-0.004, 0.003), False, True), (None, False, True), ((0.0, 0.003), True, True)],
+)
+def test_a_bench_that_is_as_told_is_not_asked_again(model, told_share, is_found, expected):
+    run = left_as_told(model, bench_with())
+    run.told_share = told_share
+    run.covariance = object() if is_found else None
+    assert is_open(run) == expected
+    if not expected:
+        assert fit_by_noise(run) is None
+
+
+def test_what_is_interrupted_is_as_it_was(model):
+    run = left_as_told(model, bench_with(**FARTHER))
+    lines, bench, shape = run.lines, run.bench, model.shape
+
+    def over(loss):
+        raise KeyboardInterrupt
+
+    run.note = over
+    with pytest.raises(KeyboardInterrupt):
+        fit_by_noise(run)
+    assert run.lines is lines and run.bench is bench and model.shape == shape
+
+
+def test_an_image_whose_noise_nobody_knows_has_none(model, monkeypatch):
+    run = left_as_told(model, bench_with())
+    whole = dataclasses.replace(run.view.discrepancy.whole, noise=None)
+    monkeypatch.setattr(run.view.discrepancy, "whole", whole)
+    with pytest.raises(ValueError, match="need that noise"):
+        NoiseSteps(run)
+
+
+def test_the_picture_is_linear_about_a_place(model):
+    """Information and gradient by pictures themselves: what a small step changes is what they say, to 2 %."""
+    run = left_as_told(model, bench_with(**FARTHER))
+    steps = NoiseSteps(run)
+    here = noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera)
+    picture = steps._at(here)
+    steps._ask_noise(picture, here.bench)
+    linear = steps._linear(here, picture)
+    _, gain = steps._nearer(here, linear, picture)
+    assert gain == pytest.approx(linear.gain(linear.step()), rel=0.3)
+    rng, size = np.random.default_rng(0), len(linear.at)
+    field = np.zeros(len(linear.gradient))
+    field[size + len(NUMBERS.names) :] = 0.02 * rng.standard_normal(len(field) - size - len(NUMBERS.names))
+    bench = steps._moved(here.bench, field[size:])
+    moved = noise_steps.Place(here.lines, here.shape, bench, here.camera)
+    change = steps._left(steps._at(moved)) + float(np.square(steps._believed(bench)).sum()) - steps._left(picture)
+    expected = 2 * linear.gradient @ field + field @ linear.information @ field
+    assert change == pytest.approx(expected, rel=0.1)
+
+
+def test_noise_by_what_was_measured_makes_light_too_dark(model):
+    """Where neighbours share it: pixels too bright by chance count less. By what is shown they do not."""
+    rng, told = np.random.default_rng(4), bench_with()
+    white = rng.standard_normal((3, 128, 128))
+    speckle = torch.nn.functional.avg_pool2d(torch.from_numpy(white)[None], 3, 1, 1)[0].numpy()
+    image = photographed(model, told)
+    rough = image.irradiance * (1 + 0.04 * speckle / speckle.std())
+    image = CausticImage(rough.astype(np.float32), image.noise_std)
+    run = run_with(model, image, LINES.clone())
+    grain = torch.full((3, 1, 1), 0.04, dtype=torch.float64)
+    found = []
+    for by_measured in (False, True):
+        steps = NoiseSteps(run)
+        steps._noise_of = steps._noise_of._replace(grain=grain)
+        place = noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera)
+        picture = steps._at(place)
+        steps._ask_noise(picture, run.bench)
+        if by_measured:
+            steps._noise = steps._noise_of(steps._measured)
+        linear = steps._linear(place, picture)
+        first = len(linear.at) + len(NUMBERS.names)
+        found.append(0.05 * linear.step(first)[first : first + 3].mean())
+    right, wrong = found
+    assert abs(right) < 2e-3 and wrong < -5e-3
+
+
+def test_a_gpu_takes_them_unless_told():
+    assert [FibresOptions().steps_on(device) for device in ("cpu", "cuda")] == [False, True]
+    assert FibresOptions(last_steps=True).steps_on("cpu") and not FibresOptions(last_steps=False).steps_on("cuda")
+
+
+def test_views_are_those_of_resimulations(model):
+    """What a run's picture shows is what its view compares with the image."""
+    run = left_as_told(model, bench_with())
+    assert isinstance(run.view.resimulation, Resimulation)
+    steps = NoiseSteps(run)
+    shown = steps._at(noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera))
+    seen = run.view.discrepancy.picture(run.view.relief(run.lines))
+    torch.testing.assert_close(shown.float(), seen, atol=1e-4, rtol=1e-3)
