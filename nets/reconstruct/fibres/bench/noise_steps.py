@@ -23,16 +23,16 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import scipy  # loads its parts when they are first used
 import torch
 
 from nets.reconstruct.fibres.bench import lens_weights
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, flat_ratio
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
+from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
 from nets.reconstruct.fibres.bench.run_state import LinesRun
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
-from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL
+from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL, WIDTH
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.calibration.view_model import difference_ends
 from warp_caustics.errors import InputError
@@ -56,6 +56,10 @@ NOISE_ROUNDS = 2
 """In which noise and lens are asked: what is left by lines that are not yet right is in the first one."""
 STEP_M = 1e-4
 """By which a line's number may move in a step at the price of one squared deviation: ends that hide are not told."""
+NOTED = 6
+"""Numbers between two times that people are told."""
+MEMORY_SHARE = 0.2
+"""Of a GPU's memory that derivatives may take; more of them lie in the main memory."""
 FINER = 2
 """Times as many fine pixels, whose picture tells what others are off by."""
 SURE = 5.0
@@ -121,43 +125,6 @@ class Told:
         return self.steps > 0 and self.gained > self.least
 
 
-class _Linear(NamedTuple):
-    """The picture about a place: P numbers of lines and their shape, then K of the bench, its light and the lens.
-
-    Attributes:
-        at: the numbers of lines and shape, shape [P].
-        information: shape [P + K, P + K].
-        gradient: shape [P + K].
-        lowest: to which numbers may move from where they are, 0 or less, same shape.
-        highest: the same upwards.
-    """
-
-    at: FloatArray
-    information: FloatArray
-    gradient: FloatArray
-    lowest: FloatArray
-    highest: FloatArray
-
-    def step(self, first: int = 0) -> FloatArray:
-        """To the least of all numbers, or of those from one on, within what they may be; shape [P + K].
-
-        A number at its end is held by where all go together: no stray light, which lines made up for, comes back as the
-        gap is found, though by itself it would be less than none.
-        """
-        moves = (np.arange(len(self.gradient)) >= first) & (self.highest > self.lowest)
-        scale = np.sqrt(np.maximum(np.diag(self.information)[moves], 1e-30))
-        root = np.linalg.cholesky(self.information[np.ix_(moves, moves)] / np.outer(scale, scale))
-        right = np.linalg.solve(root, -self.gradient[moves] / scale)
-        ends = self.lowest[moves] * scale, self.highest[moves] * scale
-        step: FloatArray = np.zeros(len(self.gradient))
-        step[moves] = scipy.optimize.lsq_linear(root.T, right, ends, method="bvls").x / scale
-        return step
-
-    def gain(self, step: FloatArray) -> float:
-        """Of a step, in squared deviations, to second order."""
-        return -float(2 * self.gradient @ step + step @ self.information @ step)
-
-
 class Run(LinesRun, Protocol):
     """Lines of one image so far."""
 
@@ -218,7 +185,6 @@ class NoiseSteps:
                     break
                 here = there
                 self.told.gained, self.told.steps = self.told.gained + gain, self.told.steps + 1
-                run.note(self._left(self._at(here)))
                 if gain < self.told.least:
                     break
         finally:
@@ -254,6 +220,11 @@ class NoiseSteps:
         far = (self._deviations(picture - self._measured) / ROBUST) ** 2
         return float((self._counts * 2 * ROBUST**2 * ((1 + far).sqrt() - 1)).sum())
 
+    def _misfit(self, picture: torch.Tensor) -> float:
+        """As fits of lines tell it (Charbonnier)."""
+        rest = (picture - self._measured) * self._counts
+        return float(((rest**2 + WIDTH**2).sqrt() - WIDTH).sum() / self._counts.sum())
+
     def _with_lens(self, here: Place, picture: torch.Tensor) -> tuple[Place, torch.Tensor]:
         """With the lens that lines tell where they are, whose form steps do not change, if that leaves less."""
         if here.camera.spread is None:
@@ -277,12 +248,12 @@ class NoiseSteps:
         finer = self.shown(self.model.heights(here.lines), here.bench, here.camera, FINER)
         return SURE * 2 * float(self._deviations(finer - picture).norm())
 
-    def _asked(self, linear: _Linear) -> float:
+    def _asked(self, linear: BoundedLeast) -> float:
         """What lines and bench would gain beside light and lens."""
-        others = len(linear.at) + len(self.numbers.parameters)
+        others = len(linear.at) + len(self.numbers.parameters)  # light and lens come last
         return linear.gain(linear.step()) - linear.gain(linear.step(others))
 
-    def _linear(self, here: Place, picture: torch.Tensor) -> _Linear:
+    def _linear(self, here: Place, picture: torch.Tensor) -> BoundedLeast:
         model = self.model
         model.shape = here.shape
         heights, by_line = model.with_jacobian(here.lines)
@@ -290,21 +261,24 @@ class NoiseSteps:
         at, believed = numbers.of(here.lines, here.shape), self._believed(here.bench)
         beside = len(believed) + lens_weights.count_of(here.camera)
         size = numbers.size + beside
-        jacobian = torch.empty(size, picture.numel(), dtype=torch.float32, device=self.device)
+        jacobian = torch.empty(size, picture.numel(), device=_home(4 * size * picture.numel(), self.device))
         rest = self._deviations(picture - self._measured)
         root = (self._counts / (1 + (rest / ROBUST) ** 2).sqrt()).sqrt()
         rows = self._by_all(here, heights, numbers.derivatives(here.lines, by_line), picture)
-        for row, change in zip(jacobian, rows, strict=True):
+        misfit = self._misfit(picture)
+        for number, (row, change) in enumerate(zip(jacobian, rows, strict=True)):
             row.copy_((self._deviations(change) * root).flatten())
+            if number % NOTED == 0:
+                self.run.note(misfit)
         information = (jacobian @ jacobian.T).double().cpu().numpy()
-        gradient = (jacobian @ (rest * root).flatten().float()).double().cpu().numpy()
+        gradient = (jacobian @ (rest * root).flatten().to(jacobian)).double().cpu().numpy()
         own = np.full(numbers.size, STEP_M)
         own[6 * len(here.lines) :] = [SHAPE_WIDTHS[place] for place in numbers.of_shape]
         information += np.diag(np.append(own**-2.0, np.ones(beside)))
         gradient[len(at) : len(at) + len(believed)] += believed
-        return _Linear(at, information, gradient, *self._ends(numbers, at, here.bench, size))
+        return BoundedLeast(at, information, gradient, *self._ends(numbers, at, here.bench, size))
 
-    def _nearer(self, here: Place, linear: _Linear, picture: torch.Tensor) -> tuple[Place | None, float]:
+    def _nearer(self, here: Place, linear: BoundedLeast, picture: torch.Tensor) -> tuple[Place | None, float]:
         """A place that leaves less, and by how much; None where there is none."""
         believed, count = self._believed(here.bench), len(linear.at)
         was, step = self._left(picture) + float(believed @ believed), linear.step()
@@ -379,3 +353,11 @@ class NoiseSteps:
         return dataclasses.replace(
             bench, values=found, field=bench.field + moved[len(names) :], rounds=bench.rounds + 1
         )
+
+
+def _home(needed: int, device: torch.device) -> torch.device:
+    """Where so many bytes lie: on the device if it has room."""
+    if device.type != "cuda":
+        return device
+    memory = torch.cuda.get_device_properties(device).total_memory
+    return device if needed <= MEMORY_SHARE * memory else torch.device("cpu")

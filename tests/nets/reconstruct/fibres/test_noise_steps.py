@@ -1,6 +1,7 @@
 """Steps of lines and bench that nothing but an image's noise holds."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from nets.reconstruct.fibres.bench import noise_steps
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise, is_open
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
+from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.options import FibresOptions
 from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with, photographed, run_with
@@ -143,6 +145,7 @@ def test_noise_by_what_was_measured_makes_light_too_dark(model):
     rough = image.irradiance * (1 + 0.04 * speckle / speckle.std())
     image = CausticImage(rough.astype(np.float32), image.noise_std)
     run = run_with(model, image, LINES.clone())
+    run.note = lambda loss: None
     grain = torch.full((3, 1, 1), 0.04, dtype=torch.float64)
     found = []
     for by_measured in (False, True):
@@ -158,6 +161,22 @@ def test_noise_by_what_was_measured_makes_light_too_dark(model):
         found.append(0.05 * linear.step(first)[first : first + 3].mean())
     right, wrong = found
     assert abs(right) < 2e-3 and wrong < -5e-3
+
+
+def test_derivatives_lie_where_there_is_room(monkeypatch):
+    cpu, gpu = torch.device("cpu"), torch.device("cuda")
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=8 * 2**30))
+    assert noise_steps._home(2**30, gpu) == gpu and noise_steps._home(2 * 2**30, gpu) == cpu
+    assert noise_steps._home(2**40, cpu) == cpu
+
+
+def test_people_are_told_of_the_misfit_of_fits(model):
+    """In the units of descents, so that a report's curve goes on."""
+    run, told = left_as_told(model, bench_with(**FARTHER)), []
+    run.note = told.append
+    loss = ImageFit(SCENE, run.view.image, model, SCENE.image_pixels).loss(model.heights(run.lines))
+    fit_by_noise(run)
+    assert len(told) > 8 and told[0] == pytest.approx(loss, rel=0.2) and told[-1] <= told[0]
 
 
 def test_a_gpu_takes_them_unless_told():
