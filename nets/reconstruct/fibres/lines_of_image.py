@@ -215,7 +215,12 @@ class LinesOfImage:
     def _fit_by_noise(self) -> None:
         """Lines and bench by what is left of the image, where that is nothing but noise and tells clearly more."""
         if self.method.options.steps_on(self.method.device.type) and not self.method.takes_bench_as_told:
-            told = fit_by_noise(self)
+            try:
+                told = fit_by_noise(self)
+            except torch.cuda.OutOfMemoryError:
+                torch.cuda.empty_cache()
+                self.counters["last_steps"] = "left out: they need a GPU with more memory"
+                return
             if told is not None:
                 self.counters["last_steps"] = dataclasses.asdict(told)
 

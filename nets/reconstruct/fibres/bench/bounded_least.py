@@ -7,6 +7,10 @@ import scipy  # loads its parts when they are first used
 
 from warp_caustics.types import FloatArray
 
+RIDGES = 1e-9, 1e-7, 1e-5
+"""Of the scaled matrix, the first with which it is one: lines on top of each other are one number in single precision,
+of which the matrix is made."""
+
 
 @dataclass(frozen=True, eq=False)
 class BoundedLeast:
@@ -34,7 +38,7 @@ class BoundedLeast:
         """
         moves = (np.arange(len(self.gradient)) >= first) & (self.highest > self.lowest)
         scale = np.sqrt(np.maximum(np.diag(self.information)[moves], 1e-30))
-        root = np.linalg.cholesky(self.information[np.ix_(moves, moves)] / np.outer(scale, scale))
+        root = _root(self.information[np.ix_(moves, moves)] / np.outer(scale, scale))
         right = np.linalg.solve(root, -self.gradient[moves] / scale)
         ends = self.lowest[moves] * scale, self.highest[moves] * scale
         step: FloatArray = np.zeros(len(self.gradient))
@@ -44,3 +48,17 @@ class BoundedLeast:
     def gain(self, step: FloatArray) -> float:
         """Of a step, in squared deviations."""
         return -float(2 * self.gradient @ step + step @ self.information @ step)
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    """Of a matrix whose diagonal is 1 (Cholesky).
+
+    Raises:
+        numpy.linalg.LinAlgError: it is none of squares, by far.
+    """
+    for ridge in RIDGES[:-1]:
+        try:
+            return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix)))
+        except np.linalg.LinAlgError:
+            continue
+    return np.linalg.cholesky(matrix + RIDGES[-1] * np.eye(len(matrix)))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import noise_steps
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise, is_open
@@ -168,6 +169,27 @@ def test_derivatives_lie_where_there_is_room(monkeypatch):
     monkeypatch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=8 * 2**30))
     assert noise_steps._home(2**30, gpu) == gpu and noise_steps._home(2 * 2**30, gpu) == cpu
     assert noise_steps._home(2**40, cpu) == cpu
+
+
+@pytest.mark.parametrize("memory", ["enough", "little"])
+def test_a_result_says_what_steps_were_told(monkeypatch, memory):
+    def steps(run):
+        if memory == "little":
+            raise torch.cuda.OutOfMemoryError("of a small GPU")
+        return noise_steps.Told(asked=5.0, least=20.0)
+
+    monkeypatch.setattr(lines_of_image, "fit_by_noise", steps)
+    monkeypatch.setattr(torch.cuda, "empty_cache", lambda: None)
+    method = SimpleNamespace(
+        options=FibresOptions(last_steps=True), device=torch.device("cpu"), takes_bench_as_told=False
+    )
+    run = SimpleNamespace(method=method, counters={})
+    lines_of_image.LinesOfImage._fit_by_noise(run)
+    told = run.counters["last_steps"]
+    assert told == {"asked": 5.0, "least": 20.0, "gained": 0.0, "steps": 0} if memory == "enough" else "memory" in told
+    method.takes_bench_as_told, run.counters = True, {}
+    lines_of_image.LinesOfImage._fit_by_noise(run)
+    assert not run.counters
 
 
 def test_people_are_told_of_the_misfit_of_fits(model):
