@@ -37,6 +37,16 @@ class Whitening:
     gain: torch.Tensor
 
     @classmethod
+    def none(cls, counts: torch.Tensor) -> Self:
+        """Of noise that is white.
+
+        Args:
+            counts: 1 where a pixel counts, 0 where not, shape [n_w, m, m], float64.
+        """
+        channels, pixels = len(counts), counts.shape[-1]
+        return cls(counts, counts.new_ones(channels, pixels, pixels // 2 + 1))
+
+    @classmethod
     def of(cls, left: torch.Tensor, counts: torch.Tensor) -> Self:
         """By what is left of an image.
 

@@ -44,6 +44,7 @@ def test_white_noise_stays_as_it_is():
     left = torch.from_numpy(np.random.default_rng(2).standard_normal((1, PIXELS, PIXELS)))
     white = Whitening.of(left, ones)(left)
     assert float((white * left).mean() / white.square().mean().sqrt()) > 0.98
+    torch.testing.assert_close(Whitening.none(ones)(left), left)
 
 
 def test_pixels_that_do_not_count_are_not_seen():

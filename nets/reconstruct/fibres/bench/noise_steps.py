@@ -162,7 +162,7 @@ class NoiseSteps:
         self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
         self._noise = whole.noise.double() * lit.factor
-        self._white = Whitening.of(torch.zeros_like(self._measured), self._counts)
+        self._white = Whitening.none(self._counts)
         self.told = Told()
 
     def __call__(self) -> Place:
