@@ -68,6 +68,18 @@ class Bench:
         told = cls.told(numbers)
         return dataclasses.replace(told, values={**told.values, **values}, sigma=sigma)
 
+    def moved(self, numbers: BenchNumbers, step: FloatArray) -> "Bench":
+        """The one a round of a search further on, within what its numbers may be.
+
+        Args:
+            numbers: whose values move, one after another, and then the field.
+            step: in their units, shape [K + n_w + 5].
+        """
+        names = numbers.names
+        values = {name: self.values[name] + float(by) for name, by in zip(names, step, strict=False)}
+        found, field = {**self.values, **numbers.within(values)}, self.field + step[len(names) :]
+        return dataclasses.replace(self, values=found, field=field, rounds=self.rounds + 1)
+
     def is_told(self, numbers: BenchNumbers) -> bool:
         """Whether nothing of it is other than told."""
         return all(value == numbers.before[name] for name, value in self.values.items()) and not self.field.any()

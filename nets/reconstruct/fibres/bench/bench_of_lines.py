@@ -273,9 +273,7 @@ class BenchOfLines:
         return float(stretched(self.numbers, bench).mean())
 
     def _moved(self, bench: Bench, beside: FloatArray, sigma: FloatArray) -> Bench:
-        names, count = self.numbers.names, len(self.numbers.parameters)
-        step = beside * self._widths
-        values = {name: bench.values[name] + float(d) for name, d in zip(names, step[:count], strict=True)}
-        deviations = dict(zip(names, (sigma * self._widths)[:count].tolist(), strict=True))
-        moved, known = self.numbers.within(values), {**bench.sigma, **deviations}
-        return Bench({**bench.values, **moved}, bench.field + step[count:], known, bench.rounds + 1)
+        names = self.numbers.names
+        deviations = dict(zip(names, (sigma * self._widths)[: len(names)].tolist(), strict=True))
+        moved = bench.moved(self.numbers, beside * self._widths)
+        return dataclasses.replace(moved, sigma={**bench.sigma, **deviations})

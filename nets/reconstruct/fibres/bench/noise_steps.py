@@ -286,7 +286,7 @@ class NoiseSteps:
             self.model.shape = here.shape
             numbers = DescentNumbers(self.model, len(here.lines), self.run.moves_section)
             lines = numbers.put(linear.at + part * step[:count])
-            bench = self._moved(here.bench, part * step[count : count + len(believed)])
+            bench = here.bench.moved(self.numbers, part * step[count : count + len(believed)] * self._widths)
             camera = lens_weights.moved(here.camera, part * step[count + len(believed) :])
             if camera.spread is not None and not camera.spread.is_plausible:
                 continue
@@ -345,14 +345,6 @@ class NoiseSteps:
                 value = bench.values[p.name]
                 lowest[k], highest[k] = (p.low - value) / p.prior, (p.high - value) / p.prior
         return np.minimum(lowest, 0.0), np.maximum(highest, 0.0)
-
-    def _moved(self, bench: Bench, step: FloatArray) -> Bench:
-        names, moved = self.numbers.names, step * self._widths
-        values = {name: bench.values[name] + float(d) for name, d in zip(names, moved, strict=False)}
-        found = {**bench.values, **self.numbers.within(values)}
-        return dataclasses.replace(
-            bench, values=found, field=bench.field + moved[len(names) :], rounds=bench.rounds + 1
-        )
 
 
 def _home(needed: int, device: torch.device) -> torch.device:

@@ -77,6 +77,15 @@ def test_less_than_simulations_are_wrong_by_is_no_reason(model, monkeypatch):
     assert told.asked < told.least and run.lines is lines and run.bench is bench and model.shape == shape
 
 
+def test_steps_that_no_longer_explain_the_image_are_taken_back(model, monkeypatch):
+    run, answers = left_as_told(model, bench_with(**FARTHER)), [True, False]
+    lines, bench, view, shape = run.lines, run.bench, run.view, model.shape
+    monkeypatch.setattr(LinesView, "is_settled", lambda self, lines: answers.pop(0))
+    assert fit_by_noise(run).is_more and not answers
+    assert run.lines is lines and run.bench is bench and run.view is view and model.shape == shape
+    assert run.covariance is None and run.hinted == 0.0
+
+
 def test_lines_that_leave_more_than_noise_are_not_asked(model, monkeypatch):
     run = left_as_told(model, bench_with(**FARTHER))
     monkeypatch.setattr(LinesView, "is_settled", lambda self, lines: False)
@@ -130,7 +139,7 @@ def test_the_picture_is_linear_about_a_place(model):
     rng, size = np.random.default_rng(0), len(linear.at)
     field = np.zeros(len(linear.gradient))
     field[size + len(NUMBERS.names) :] = 0.02 * rng.standard_normal(len(field) - size - len(NUMBERS.names))
-    bench = steps._moved(here.bench, field[size:])
+    bench = here.bench.moved(NUMBERS, field[size:] * steps._widths)
     moved = noise_steps.Place(here.lines, here.shape, bench, here.camera)
     change = steps._left(steps._at(moved)) + float(np.square(steps._believed(bench)).sum()) - steps._left(picture)
     expected = 2 * linear.gradient @ field + field @ linear.information @ field
