@@ -187,8 +187,9 @@ def blur_matrix(pixels: int, blur: float) -> torch.Tensor:
     # cut after 4, which looks like 0.4 % of stray light.
     omega = torch.arange(pixels + 1, dtype=torch.float64) * (math.pi / pixels)
     ring = torch.fft.irfft(torch.exp(-0.5 * (blur * omega) ** 2).to(torch.complex128), 2 * pixels)
-    row, column = torch.arange(pixels)[:, None], torch.arange(pixels)
-    matrix: torch.Tensor = ring[(row - column) % (2 * pixels)] + ring[row + column + 1]
+    # ring[row - column] and ring[row + column + 1], as views: indices of all entries would take longer than the sum.
+    back = torch.cat((ring[pixels + 1 :], ring[:pixels])).unfold(0, pixels, 1).flip(1)
+    matrix: torch.Tensor = back + ring[1:].unfold(0, pixels, 1)[:pixels]
     return matrix
 
 

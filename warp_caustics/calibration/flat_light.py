@@ -15,6 +15,8 @@ COARSE = 32
 BORDER = 3
 ORDER = 4
 """Of the polynomial in x and y: a lamp as near as the plate is large is off by 1e-3."""
+_PAIRS = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
+"""Powers of x and y."""
 
 
 def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
@@ -43,7 +45,10 @@ def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
     along = _powers(COARSE)[BORDER:-BORDER]
     design = _products(along).flatten(0, 1)
     fitted = torch.linalg.lstsq(design, inner.flatten(1).T).solution
-    result: torch.Tensor = (_products(_powers(pixels)) @ fitted).permute(2, 0, 1)
+    coefficients = fitted.new_zeros(len(inner), ORDER + 1, ORDER + 1)  # of y and x
+    coefficients[:, *torch.tensor(_PAIRS).flip(1).T] = fitted.T
+    powers = _powers(pixels)
+    result: torch.Tensor = powers @ coefficients @ powers.T
     return result
 
 
@@ -54,5 +59,4 @@ def _powers(pixels: int) -> torch.Tensor:
 
 def _products(along: torch.Tensor) -> torch.Tensor:
     """x^i y^j up to the order, shape [m, m, K]."""
-    pairs = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
-    return torch.stack([along[None, :, i] * along[:, None, j] for i, j in pairs], dim=-1)
+    return torch.stack([along[None, :, i] * along[:, None, j] for i, j in _PAIRS], dim=-1)

@@ -45,6 +45,8 @@ class Along(NamedTuple):
 
 PLACED = Lay()
 """A picture that lay where it belongs."""
+AT_HAND = 12
+"""Matrices kept on a device, two for each of six channels: 4 MB each for 512 pixels of 2048, 32 MB for 2048 of 4096."""
 
 
 def pixel_means(
@@ -59,9 +61,18 @@ def pixel_means(
         band_px: of one after them, within their band [px].
         lay: where the picture lay when it met the pixels.
     """
-    rows, columns = (_along(pixels, light.shape[-1], lens_px, band_px, lay.along(axis)).to(light) for axis in (1, 0))
+    kind = light.dtype, light.device
+    rows, columns = (_along_as(*kind, pixels, light.shape[-1], lens_px, band_px, lay.along(axis)) for axis in (1, 0))
     seen: torch.Tensor = rows @ light @ columns.T
     return seen
+
+
+@lru_cache(maxsize=AT_HAND)
+def _along_as(
+    dtype: torch.dtype, device: torch.device, pixels: int, fine: int, lens_px: float, band_px: float, lay: Along
+) -> torch.Tensor:
+    """:func:`_along` where light is: to bring it there takes as long as three pictures."""
+    return _along(pixels, fine, lens_px, band_px, lay).to(device, dtype)
 
 
 @lru_cache(maxsize=16)

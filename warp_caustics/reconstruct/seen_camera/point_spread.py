@@ -14,7 +14,7 @@ scatter some. Left out it looks like stray light, and that like another index.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -127,8 +127,13 @@ class PointSpread:
 
 def in_halos(shown: torch.Tensor) -> list[torch.Tensor]:
     """What each halo would change of pictures [..., m, m] if all light lay in it, same shape."""
-    matrices = [blur_matrix(shown.shape[-1], sigma).to(shown) for sigma in HALOS_PX]
+    matrices = _halo_matrices(shown.shape[-1], shown.dtype, shown.device)
     return [matrix @ shown @ matrix - shown for matrix in matrices]
+
+
+@lru_cache(maxsize=4)
+def _halo_matrices(pixels: int, dtype: torch.dtype, device: torch.device) -> list[torch.Tensor]:
+    return [blur_matrix(pixels, sigma).to(device, dtype) for sigma in HALOS_PX]
 
 
 class FineLight:

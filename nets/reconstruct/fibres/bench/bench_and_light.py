@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -216,6 +217,9 @@ def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
     return _level(found) / _level(told)
 
 
+@lru_cache(maxsize=4)
 def _level(scene: Scene) -> FloatArray:
-    level: FloatArray = flat_light(in_units_of_radiosity(scene, scene.image_pixels), scene.image_pixels).numpy()
-    return np.maximum(level, 1e-3)
+    light: FloatArray = flat_light(in_units_of_radiosity(scene, scene.image_pixels), scene.image_pixels).numpy()
+    level = np.maximum(light, 1e-3)
+    level.flags.writeable = False
+    return level

@@ -2,7 +2,6 @@
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT
 from nets.reconstruct.fibres.bench.gap_fits import Run, told_by
-from nets.reconstruct.fibres.bench.less_believed import is_other_glass
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps, Told
 from nets.reconstruct.fibres.bench.run_state import RunState
 
@@ -31,7 +30,7 @@ def fit_by_noise(run: Run) -> Told | None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are as they were.
     """
-    if not (is_open(run) and run.view.is_settled(run.lines)) or is_other_glass(run):
+    if not (is_open(run) and run.view.is_settled(run.lines)):
         return None
     steps, kept, is_kept = NoiseSteps(run), RunState.of(run), False
     try:

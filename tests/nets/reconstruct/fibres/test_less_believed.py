@@ -1,6 +1,7 @@
 """Benches far from what was told: beliefs that are widened, and which of three numbers it was."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from nets.reconstruct.fibres.bench.less_believed import (
     FAR,
     LEAST_HINT,
     gap_of_lines,
+    is_other_glass,
     less_believed,
     number_of_glass,
     widened,
@@ -110,6 +112,19 @@ def test_another_dispersion_is_another_glass():
     assert less_believed(less, moved(told, dispersion_scale=0.0)) is less
     known = numbers(index_offset=1e-4)
     assert widened(known, less_believed(known, moved(known, dispersion_scale=0.0))) == {"dispersion_scale"}
+
+
+@pytest.mark.parametrize(
+    ("scale", "sigma", "expected"),
+    [(0.965, 0.005, False), (1.06, 0.005, False), (0.8, 0.01, True), (1.25, 0.01, True), (0.8, 0.1, False)],
+)
+def test_channels_that_mix_are_no_other_glass(scale, sigma, expected):
+    """3 % from each neighbour pass for 3.5 % less dispersion, of which noise alone would know half a per cent."""
+    told = numbers()
+    bench = dataclasses.replace(moved(told, dispersion_scale=scale), sigma={"dispersion_scale": sigma})
+    assert is_other_glass(SimpleNamespace(numbers=told, bench=bench)) == expected
+    known = numbers(index_offset=1e-4)
+    assert not is_other_glass(SimpleNamespace(numbers=known, bench=bench))
 
 
 @pytest.mark.parametrize("name", ["base_thickness_m", "gap_m"])
