@@ -52,8 +52,8 @@ LEAST_HINT = 0.01
 """Share of (n - 1) D below which a hint is none: a careful user leaves 0.5 %, and of six own plates whose section was
 found with the lines, on the bench that was told, the valley is least 0.3 to 0.9 % below it."""
 MIXED = 0.03
-"""Of dispersion, which channels that mix pass for: 3 % of each neighbour's light for 3.5 % less of it, where noise alone
-tells half a per cent. Other glasses have a fifth more or less, plastics a quarter."""
+"""Of dispersion, which channels that mix pass for: 3 % of each neighbour's light for 3.5 % less of it, where noise
+alone tells half a per cent. Other glasses have a fifth more or less, plastics a quarter."""
 MOST_TIMES = 4
 """That beliefs are widened: from a base 1 mm thicker, 33 of its deviations, three were needed."""
 
