@@ -87,15 +87,23 @@ class Bench:
 
     def uneven(self, pixels: int) -> float:
         """Difference of the brightest place and the darkest one of a flat picture [1]."""
-        shared = np.tensordot(self.field[-5:], shared_modes(pixels), 1)
-        return float(np.ptp(shared))
+        return float(np.ptp(self._shared(pixels)))
 
     def light(self, pixels: int) -> FloatArray:
         """What each pixel is brighter by than on the even bench [1], shape [n_w, m, m]."""
         channels = len(self.field) - 5
-        own, shared = 1 + self.field[:channels, None, None], self.field[channels:]
-        light: FloatArray = own + np.tensordot(shared, shared_modes(pixels), 1) if shared.any() else own
+        light: FloatArray = 1 + self.field[:channels, None, None] + self._shared(pixels)
         return np.broadcast_to(light, (channels, pixels, pixels))
+
+    def _shared(self, pixels: int) -> FloatArray:
+        """What channels have in common of it, shape [m, m], row by row and column by column."""
+        along_x, along_y, square_x, both, square_y = self.field[-5:]
+        if not self.field[-5:].any():
+            return np.zeros((1, 1))
+        x = (np.arange(pixels) + 0.5) * (2 / pixels) - 1
+        columns, rows = (a * x + b * (x**2 - 1 / 3) for a, b in ((along_x, square_x), (along_y, square_y)))
+        shared: FloatArray = columns + rows[:, None] + np.outer(both * x, x)
+        return shared
 
 
 def field_modes(channels: int, pixels: int) -> FloatArray:
@@ -103,6 +111,12 @@ def field_modes(channels: int, pixels: int) -> FloatArray:
     own = np.eye(channels)[:, :, None, None] * np.ones((pixels, pixels))
     modes: FloatArray = np.concatenate([own, np.repeat(shared_modes(pixels)[:, None], channels, axis=1)])
     return modes
+
+
+@lru_cache(maxsize=2)
+def field_modes_on(channels: int, pixels: int, device: torch.device) -> torch.Tensor:
+    """:func:`field_modes` in float32 on a device, made once; not to be written to."""
+    return torch.from_numpy(field_modes(channels, pixels)).to(device, torch.float32)
 
 
 def shared_modes(pixels: int) -> FloatArray:

@@ -16,7 +16,14 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, SLANTS, Bench, field_modes, seen_on, stretched
+from nets.reconstruct.fibres.bench.bench_and_light import (
+    BEND_LIGHT,
+    SLANTS,
+    Bench,
+    field_modes_on,
+    seen_on,
+    stretched,
+)
 from nets.reconstruct.fibres.bench.line_posterior import (
     CORRELATED_PX,
     JointCovariance,
@@ -106,7 +113,7 @@ class BenchOfLines:
         scene, pixels = numbers.scene, numbers.scene.image_pixels
         blur = blur_matrices(pixels, camera.blur, model.device) if np.any(camera.blur) else None
         self._model = BenchModel(numbers, pixels, model.device, blur)
-        self._field = torch.from_numpy(field_modes(scene.n_wavelengths, pixels)).to(model.device, torch.float32)
+        self._field = field_modes_on(scene.n_wavelengths, pixels, torch.device(model.device))
         self._widths = np.array([*(p.prior for p in numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
 
     @property

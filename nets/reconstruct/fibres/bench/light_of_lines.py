@@ -7,7 +7,7 @@ from typing import Protocol
 
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, seen_on
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes_on, seen_on
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
 from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
 from nets.reconstruct.fibres.image.image_fit import WIDTH, ImageFit
@@ -83,7 +83,7 @@ def tells_light(run: Run) -> bool:
     if seen.noise is None:
         return False
     picture = view.discrepancy.picture(view.relief(run.lines))
-    modes = torch.from_numpy(field_modes(picture.shape[0], picture.shape[-1])).to(picture)
+    modes = field_modes_on(picture.shape[0], picture.shape[-1], picture.device).to(picture)
     rows = torch.cat((modes * picture, torch.ones_like(picture)[None]))
     weight = seen.weight / (((seen.irradiance - picture) / WIDTH).square() + 1).sqrt()
     weighted = (rows * weight).flatten(1).double()
