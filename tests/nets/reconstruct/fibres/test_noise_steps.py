@@ -94,9 +94,16 @@ def test_lines_that_leave_more_than_noise_are_not_asked(model, monkeypatch):
 
 @pytest.mark.parametrize(
     ("told_share", "is_found", "expected"),
-    [((0.002, 0.003), False, False), ((-0.004, 0.003), False, True), (None, False, True), ((0.0, 0.003), True, True)],
+    [
+        ((0.005, 0.003), False, False),
+        ((-0.007, 0.003), False, True),
+        ((0.002, 0.003), True, False),
+        ((-0.004, 0.003), True, True),
+        (None, False, True),
+        (None, True, True),
+    ],
 )
-def test_a_bench_that_is_as_told_is_not_asked_again(model, told_share, is_found, expected):
+def test_a_bench_that_is_as_it_was_told_or_found_is_not_asked_again(model, told_share, is_found, expected):
     run = left_as_told(model, bench_with())
     run.told_share = told_share
     run.covariance = object() if is_found else None
