@@ -4,6 +4,8 @@ Of one bench, with all that its scene says, by simulation. Networks take closed 
 which know lamps from 0.25 m on (``nets/flat_light.py``).
 """
 
+from functools import lru_cache
+
 import torch
 
 from warp_caustics.errors import InputError
@@ -42,14 +44,20 @@ def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
     inner = image[:, BORDER:-BORDER, BORDER:-BORDER]
     if not bool((inner.mean((1, 2)) > 0).any()):
         raise InputError("no light of the lamp reaches the window; check its place and the screen's")
-    along = _powers(COARSE)[BORDER:-BORDER]
-    design = _products(along).flatten(0, 1)
-    fitted = torch.linalg.lstsq(design, inner.flatten(1).T).solution
+    fitted = _least_squares() @ inner.flatten(1).T
     coefficients = fitted.new_zeros(len(inner), ORDER + 1, ORDER + 1)  # of y and x
     coefficients[:, *torch.tensor(_PAIRS).flip(1).T] = fitted.T
     powers = _powers(pixels)
     result: torch.Tensor = powers @ coefficients @ powers.T
     return result
+
+
+@lru_cache(maxsize=1)
+def _least_squares() -> torch.Tensor:
+    """From light in pixels of the simulation, without those at the border, to the coefficients of the polynomial."""
+    design = _products(_powers(COARSE)[BORDER:-BORDER]).flatten(0, 1)
+    inverse: torch.Tensor = torch.linalg.pinv(design)
+    return inverse
 
 
 def _powers(pixels: int) -> torch.Tensor:

@@ -1,5 +1,6 @@
 """How strong an image's noise is: what pixels have by themselves, shot noise, and grain that grows with the light."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple, Self
 
@@ -47,18 +48,22 @@ def estimated_grain(image: CausticImage, scene: Scene) -> FloatArray:
         image: with the noise that neighbouring pixels do not share.
         scene: of the measurement.
     """
-    found = np.zeros(scene.n_wavelengths)
     if image.noise_std is None:
-        return found
-    for channel, (level, noise) in enumerate(zip(scene.radiosity_W_m2, image.noise_std, strict=True)):
+        return np.zeros(scene.n_wavelengths)
+    noise = np.asarray(image.noise_std, np.float64)
+
+    def of_channel(channel: int) -> float:
+        level = scene.radiosity_W_m2[channel]
         values = np.asarray(image.irradiance[channel], np.float64)
         valid = None if image.mask is None else np.asarray(image.mask[channel], bool)
         if image.is_mosaic and image.own is not None:  # what was made up shares noise with its neighbours
             measured = of_one_filter(image.own[channel])
             valid, values = None if valid is None else valid[measured], values[measured]
-        if level > 0 and np.isfinite(noise):
-            found[channel] = estimate_grain(values, level, float(noise), valid)
-    return found
+        is_told = level > 0 and np.isfinite(noise[channel])
+        return estimate_grain(values, level, float(noise[channel]), valid) if is_told else 0.0
+
+    with ThreadPoolExecutor(scene.n_wavelengths) as pool:  # filters of images let other threads run
+        return np.array(list(pool.map(of_channel, range(scene.n_wavelengths))))
 
 
 class NoiseOfLight(NamedTuple):
