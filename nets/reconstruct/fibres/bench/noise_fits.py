@@ -1,26 +1,8 @@
 """What lines and their bench become by steps that nothing but an image's noise holds."""
 
-from nets.reconstruct.fibres.bench.gap_fits import Run, told_by
+from nets.reconstruct.fibres.bench.gap_fits import Run, is_open, told_by
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps, Told
 from nets.reconstruct.fibres.bench.run_state import RunState
-
-OF_FOUND, OF_TOLD = 1.0, 2.0
-"""Standard deviations that light must go farther or less far than on a bench so far: one that was found, and one that
-is as told. Plates on benches exactly as told are 1.1 and 1.6 away, by the error of their lattice; steps helped plates
-that were 1.8 and 2.5 away, and harmed one that was 0.2 away."""
-
-
-def is_open(run: Run) -> bool:
-    """Whether an image may tell more of how far light goes than lines have told.
-
-    Not of a bench on which light goes as far as it does, within what a hundred pixels leave open, or twice that where
-    nothing at all of the bench was found to be other: there a look at all numbers would take most plates longer than
-    all the rest.
-    """
-    if run.told_share is None:
-        return True
-    share, sigma = run.told_share
-    return abs(share) > (OF_TOLD if run.covariance is None else OF_FOUND) * sigma
 
 
 def fit_by_noise(run: Run) -> Told | None:

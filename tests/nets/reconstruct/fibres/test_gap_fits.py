@@ -96,6 +96,23 @@ def test_a_bench_is_asked_by_what_noise_lets_an_image_tell(model, monkeypatch, l
     assert len(asked) == 2, "gap, base and index are as told, or more than noise is left"
 
 
+@pytest.mark.parametrize(
+    ("told_share", "is_asked"), [((1e-3, 1e-2), False), ((-3e-3, 2e-3), False), ((6e-3, 2e-3), True), (None, True)]
+)
+def test_a_bench_as_told_is_asked_only_where_lines_nearly_tell_another(model, monkeypatch, told_share, is_asked):
+    run, asked = run_with(model, photographed(model, bench_with()), LINES), []
+    run.asked, run.told_share = ("gap_m",), told_share
+
+    def with_valley(together, lines, bench):
+        asked.append(together.correlated_px)
+        return lines, bench
+
+    monkeypatch.setattr(gap_fits, "with_valley", with_valley)
+    monkeypatch.setattr(LinesView, "is_settled", lambda view, _: True)
+    fit_as_noise_tells(run)
+    assert bool(asked) == is_asked
+
+
 def test_fewer_pixels_that_err_together_weigh_a_belief_less(model):
     run = run_with(model, photographed(model, bench_with()), LINES)
     together = run.together()

@@ -9,8 +9,9 @@ import torch
 
 from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import noise_steps
+from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
-from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise, is_open
+from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
