@@ -14,8 +14,8 @@ right, has a hundred pixels err together: five lines left as told, 6.6 um off, e
 What pictures are simulated wrong by, e, is no noise: it changes with every number, and of two benches either leaves up
 to 2 |W e / s| less by it. A finer picture tells how much that is, and less is no reason for a step.
 
-Cost: two pictures for each number a step; 20 to 30 s for seven to 18 lines where seven plates share an H200, 80 s for
-five lines on two cores, at 512 pixels.
+Cost: two pictures for each number of lines, section and bench a step; two minutes for five lines of 512 pixels on two
+cores.
 """
 
 import dataclasses
