@@ -21,19 +21,23 @@ _PAIRS = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
 """Powers of x and y."""
 
 
-def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
-    """Irradiance behind a flat plate [W/m^2], shape [n_w, m, m], float64 on the CPU; smooth up to the border.
+def flat_light(
+    scene: Scene, pixels: int, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float64
+) -> torch.Tensor:
+    """Irradiance behind a flat plate [W/m^2], shape [n_w, m, m]; smooth up to the border.
 
     Collimated light makes it even. That of a lamp falls off: a simulation in few pixels, and a polynomial through them.
 
     Args:
         scene: the bench.
         pixels: m.
+        device: where the polynomial is evaluated; the simulation is one of a CPU.
+        dtype: of the result.
 
     Raises:
         InputError: no light in the window.
     """
-    level = torch.tensor(scene.radiosity_W_m2, dtype=torch.float64)
+    level = torch.tensor(scene.radiosity_W_m2, dtype=dtype, device=device)
     if scene.is_collimated:
         return level[:, None, None].expand(-1, pixels, pixels)
     coarse = Scene.model_validate(
@@ -47,7 +51,7 @@ def flat_light(scene: Scene, pixels: int) -> torch.Tensor:
     fitted = _least_squares() @ inner.flatten(1).T
     coefficients = fitted.new_zeros(len(inner), ORDER + 1, ORDER + 1)  # of y and x
     coefficients[:, *torch.tensor(_PAIRS).flip(1).T] = fitted.T
-    powers = _powers(pixels)
+    powers, coefficients = (each.to(device, dtype) for each in (_powers(pixels), coefficients))
     result: torch.Tensor = powers @ coefficients @ powers.T
     return result
 

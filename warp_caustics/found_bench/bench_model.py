@@ -161,5 +161,5 @@ class BenchModel:
 
     def _level(self, scene: Scene) -> torch.Tensor:
         """Light of a flat plate in units of the radiosity, shape [n_w, m, m]; 1 for parallel light."""
-        level = flat_light(in_units_of_radiosity(scene, self.pixels), self.pixels)
-        return level.to(self.device, torch.float32).clamp_min(1e-3)
+        level = flat_light(in_units_of_radiosity(scene, self.pixels), self.pixels, self.device, torch.float32)
+        return level.clamp_min(1e-3)

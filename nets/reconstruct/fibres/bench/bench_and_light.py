@@ -141,9 +141,13 @@ def seen_on(
     """
     scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
     level = np.asarray(scene.radiosity_W_m2, np.float64) * (1.0 if exposure is None else exposure)
-    irradiance = np.asarray(image.irradiance, np.float64) / bench.light(scene.image_pixels)
-    irradiance = (irradiance * (1 + stray) - stray * level[:, None, None]) * flat_ratio(numbers, bench)
-    noise = None if image.noise_std is None else np.asarray(image.noise_std) * stretched(numbers, bench)
+    irradiance, noise = np.asarray(image.irradiance), image.noise_std
+    if stray or bench.field.any():
+        irradiance = irradiance.astype(np.float64) / bench.light(scene.image_pixels)
+        irradiance = irradiance * (1 + stray) - stray * level[:, None, None]
+        noise = None if noise is None else np.asarray(noise) * stretched(numbers, bench)
+    if not _is_even(numbers, bench):
+        irradiance = irradiance * flat_ratio(numbers, bench)
     found, mask = numbers.scene_of(bench.values), image.mask
     if found != scene and (crossed := crossed_pixels(found)).any():
         mask = ~crossed & (np.ones(irradiance.shape, bool) if mask is None else np.asarray(mask, bool))
@@ -159,6 +163,8 @@ def stretched(numbers: BenchNumbers, bench: Bench) -> FloatArray:
         bench: that the image was taken on.
     """
     stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
+    if not stray and not bench.field.any():
+        return np.ones(len(bench.field) - 5)
     by_channel: FloatArray = ((1 + stray) / bench.light(numbers.scene.image_pixels)).mean(axis=(1, 2))
     return by_channel
 
@@ -226,9 +232,14 @@ def bench_warnings(numbers: BenchNumbers, bench: Bench, record: FoundBench) -> l
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
     """Light of a flat plate on the bench over that on the told one, shape [n_w, m, m]; 1 for parallel light."""
     told, found = numbers.scene, numbers.scene_of(bench.values)
-    if found.is_collimated and told.is_collimated:
+    if _is_even(numbers, bench):
         return np.ones((told.n_wavelengths, told.image_pixels, told.image_pixels))
     return _level(found) / _level(told)
+
+
+def _is_even(numbers: BenchNumbers, bench: Bench) -> bool:
+    """Whether light is parallel on both benches, behind flat plates the same everywhere."""
+    return numbers.scene.is_collimated and numbers.scene_of(bench.values).is_collimated
 
 
 @lru_cache(maxsize=4)
