@@ -195,6 +195,20 @@ def test_pixels_that_the_border_of_a_found_picture_crosses_do_not_count():
     assert seen_on(image, numbers(), Bench.told(numbers())).mask is None
 
 
+def test_light_as_told_is_not_computed_again():
+    """A gap alone leaves the image as it was measured, in its own array; stray light does not."""
+    image = CausticImage(np.ones((3, 4 * N, 4 * N), np.float32), noise_std=np.full(3, 0.01))
+    told = Bench.told(numbers())
+    gap = dataclasses.replace(told, values={**told.values, "gap_m": 1e-4})
+    assert seen_on(image, numbers(), gap).irradiance is image.irradiance
+    assert (stretched(numbers(), gap) == 1).all() and stretched(numbers(), gap).shape == (3,)
+    stray = dataclasses.replace(told, values={**told.values, "ambient": 0.01})
+    seen = seen_on(image, numbers(), stray)
+    level = np.asarray(numbers().scene.radiosity_W_m2)[:, None, None]
+    np.testing.assert_allclose(seen.irradiance, 1.01 - 0.01 * np.broadcast_to(level, (3, 4 * N, 4 * N)))
+    np.testing.assert_allclose(seen.noise_std, 0.0101)
+
+
 def test_patterns_of_light_are_even_on_average_but_for_brightness():
     modes = field_modes(3, 64)
     assert modes.shape == (8, 3, 64, 64)
