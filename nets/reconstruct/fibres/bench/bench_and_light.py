@@ -142,11 +142,11 @@ def seen_on(
     scene, stray = numbers.scene, bench.values.get(AMBIENT, numbers.before[AMBIENT])
     level = np.asarray(scene.radiosity_W_m2, np.float64) * (1.0 if exposure is None else exposure)
     irradiance, noise = np.asarray(image.irradiance), image.noise_std
-    if stray or bench.field.any():
+    if not _is_lit_evenly(numbers, bench):
         irradiance = irradiance.astype(np.float64) / bench.light(scene.image_pixels)
         irradiance = irradiance * (1 + stray) - stray * level[:, None, None]
         noise = None if noise is None else np.asarray(noise) * stretched(numbers, bench)
-    if not _is_even(numbers, bench):
+    if not _is_parallel(numbers, bench):
         irradiance = irradiance * flat_ratio(numbers, bench)
     found, mask = numbers.scene_of(bench.values), image.mask
     if found != scene and (crossed := crossed_pixels(found)).any():
@@ -162,9 +162,9 @@ def stretched(numbers: BenchNumbers, bench: Bench) -> FloatArray:
         numbers: that the bench's are.
         bench: that the image was taken on.
     """
+    if _is_lit_evenly(numbers, bench):
+        return np.ones(numbers.scene.n_wavelengths)
     stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
-    if not stray and not bench.field.any():
-        return np.ones(len(bench.field) - 5)
     by_channel: FloatArray = ((1 + stray) / bench.light(numbers.scene.image_pixels)).mean(axis=(1, 2))
     return by_channel
 
@@ -232,13 +232,18 @@ def bench_warnings(numbers: BenchNumbers, bench: Bench, record: FoundBench) -> l
 def flat_ratio(numbers: BenchNumbers, bench: Bench) -> FloatArray:
     """Light of a flat plate on the bench over that on the told one, shape [n_w, m, m]; 1 for parallel light."""
     told, found = numbers.scene, numbers.scene_of(bench.values)
-    if _is_even(numbers, bench):
+    if _is_parallel(numbers, bench):
         return np.ones((told.n_wavelengths, told.image_pixels, told.image_pixels))
     return _level(found) / _level(told)
 
 
-def _is_even(numbers: BenchNumbers, bench: Bench) -> bool:
-    """Whether light is parallel on both benches, behind flat plates the same everywhere."""
+def _is_lit_evenly(numbers: BenchNumbers, bench: Bench) -> bool:
+    """Whether the lamp's light is even and as bright as told, and none is stray."""
+    return not bench.values.get(AMBIENT, numbers.before[AMBIENT]) and not bench.field.any()
+
+
+def _is_parallel(numbers: BenchNumbers, bench: Bench) -> bool:
+    """Whether light is parallel on the told bench and on the found one, behind flat plates the same everywhere."""
     return numbers.scene.is_collimated and numbers.scene_of(bench.values).is_collimated
 
 
