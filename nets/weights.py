@@ -262,7 +262,7 @@ def _check_tensors(tensors: Mapping[str, torch.Tensor], info: WeightsInfo, name:
             problems.append(f"{key} is {str(dtype).removeprefix('torch.')}, not {str(wanted).removeprefix('torch.')}")
     if problems:
         raise MismatchError(f"weights in {name} do not fit their architecture: {_listed(problems)}; train again")
-    bad = [key for key, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    bad = [key for key, tensor in tensors.items() if tensor.is_floating_point() and not torch.isfinite(tensor).all()]
     if bad:
         raise DamagedDataError(f"{name} holds weights that are not finite: {_listed(bad)}; train again")
 

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 import torch
 
+import nets.shipped
 from data_gen.dataset_config import DatasetConfig
 from data_gen.samples import Reliefs
+from nets.architecture import build
+from nets.config import UpdaterConfig
 from nets.reconstruct.methods import create
 from nets.seen_scene import scaled
 from nets.shipped import FOLDER, find_network, shipped_start, shipped_weights
-from nets.weights import load_weights, weights_info
+from nets.weights import load_weights, save_weights, weights_info
 from warp_caustics.errors import MismatchError
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.resampling import regridded
@@ -45,6 +48,38 @@ def test_a_training_starts_from_the_network_like_its_own(name):
 def test_each_scene_finds_the_network_that_knows_it_best(changes, file):
     found = find_network("direct", Scene(**changes), any_grid=True)
     assert found.file == file and not found.warnings
+
+
+def weights_of(module):
+    return {name: weight.clone() for name, weight in module.state_dict().items()}
+
+
+def test_methods_share_what_was_read_and_none_changes_what_another_has(monkeypatch):
+    read, load = [], nets.shipped.load_weights
+    monkeypatch.setattr(nets.shipped, "load_weights", lambda path: read.append(path) or load(path))
+    nets.shipped._kept_network.cache_clear()
+    first, second = (find_network("updater", Scene()) for _ in range(2))
+    assert len(read) == 1
+    before = weights_of(second.module)
+    assert not second.module.training and not any(each.requires_grad for each in second.module.parameters())
+    first.module.to(torch.float64).train()
+    for weight in first.module.parameters():
+        weight.data.zero_()
+    assert not second.module.training
+    for module in (second.module, find_network("updater", Scene()).module):
+        assert all(torch.equal(weight, before[name]) for name, weight in module.state_dict().items())
+
+
+def test_a_file_that_was_written_anew_is_read_anew(tmp_path):
+    file = tmp_path / "weights.safetensors"
+    scene = Scene(image_pixels=64, height_samples=16)
+    for value in (0.25, 0.5):
+        module = build(UpdaterConfig(), scene)
+        for weight in module.parameters():
+            weight.data.fill_(value)
+        save_weights(file, module, scene=scene, data_fingerprint=None, training={})
+        found = find_network("updater", scene, path=str(file)).module
+        assert all((weight == value).all() for weight in found.parameters())
 
 
 @pytest.fixture(scope="module")
