@@ -136,6 +136,11 @@ def _halo_matrices(pixels: int, dtype: torch.dtype, device: torch.device) -> lis
     return [blur_matrix(pixels, sigma).to(device, dtype) for sigma in HALOS_PX]
 
 
+def fine_pixels(pixels: int) -> int:
+    """Fine pixels along an image of so many pixels."""
+    return pixels * max(2, min(FINENESS, MOST_FINE_PIXELS // pixels))
+
+
 class FineLight:
     """Caustics of reliefs on pixels so fine that a lens may be put before those of the camera.
 
@@ -156,7 +161,7 @@ class FineLight:
     def __init__(self, simulator: CausticSimulator, size: float = 1.0, finer: int = 1):
         self._simulator = simulator
         self.pixels = simulator.scene.image_pixels
-        self.fine_pixels = finer * self.pixels * max(2, min(FINENESS, MOST_FINE_PIXELS // self.pixels))
+        self.fine_pixels = finer * fine_pixels(self.pixels)
         self._beside = round(self.fine_pixels * (size - 1) / 2)
         self.size = 1 + 2 * self._beside / self.fine_pixels
 

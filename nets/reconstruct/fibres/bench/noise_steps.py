@@ -12,7 +12,8 @@ error of the fits' lattice. So an image tells of a bench what its noise lets it,
 right, has a hundred pixels err together: five lines left as told, 6.6 um off, end 0.9 um off.
 
 What pictures are simulated wrong by, e, is no noise: it changes with every number, and of two benches either leaves up
-to 2 |W e / s| less by it. A finer picture tells how much that is, and less is no reason for a step.
+to 2 |W e / s| less by it. So pictures that are compared with the image are on three times as many fine pixels along the
+image as others; those on two times as many tell how much they are off by, and to gain less is no reason for a step.
 
 Cost: two pictures for each number of lines, section and bench a step; two minutes for five lines of 512 pixels on two
 cores.
@@ -44,13 +45,15 @@ from warp_caustics.reconstruct.noise_spectrum import Whitening
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, simulator_at
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
+from warp_caustics.reconstruct.seen_camera.point_spread import fine_pixels
 from warp_caustics.setup.optical import optical_steps
 from warp_caustics.types import FloatArray
 
 ROBUST = 3.0
 """Deviations c from which on a pixel counts less."""
-ROUNDS = 5
-PARTS = 1.0, 0.3
+ROUNDS, CONVERGED = 8, 1.0
+"""Steps, and squared deviations that one must gain for another: 1 is 0.2 um along the valley of gap and heights."""
+PARTS = 1.0, 0.5, 0.25, 0.1
 """Of a step, the first that leaves less."""
 NOISE_ROUNDS = 2
 """In which noise and lens are asked: what is left by lines that are not yet right is in the first one."""
@@ -60,8 +63,13 @@ NOTED = 6
 """Numbers between two times that people are told."""
 MEMORY_SHARE = 0.2
 """Of a GPU's memory that derivatives may take; more of them lie in the main memory."""
-FINER = 2
-"""Times as many fine pixels, whose picture tells what others are off by."""
+FINER, MOST_FINE_PIXELS = 3, 8192
+"""Times as many fine pixels along the image as usual, but no more than so many: of pictures that are compared with it.
+One less tells by how much these are off."""
+LINE_STEP_M, BENCH_STEP = 3 * DIFFERENCE_M, 6 * STEP
+"""Differences by which derivatives are taken, of heights and of a bench's numbers. Light that moves by less than a fine
+pixel changes what these fold back: by a gap 15 % of the derivative, by the height of a line 6 to 13. Of differences
+several times as large that is 5 and 2 to 4 %, and what is left to third order as much."""
 SURE = 5.0
 """Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of own plates
 three that asked for 5.5 to 18 times it came nearer, two that asked for 3.5 and 4.3 did not."""
@@ -148,6 +156,7 @@ class NoiseSteps:
     def __init__(self, run: Run):
         self.run, self.model, self.numbers = run, run.model, run.numbers
         self._pixels, view = self.numbers.scene.image_pixels, run.view
+        self._finer = max(2, min(FINER, MOST_FINE_PIXELS // fine_pixels(self._pixels)))
         whole = view.discrepancy.whole
         if whole.noise is None:
             raise ValueError("steps by the noise of an image need that noise; tell it")
@@ -185,7 +194,7 @@ class NoiseSteps:
                     break
                 here = there
                 self.told.gained, self.told.steps = self.told.gained + gain, self.told.steps + 1
-                if gain < self.told.least:
+                if gain < CONVERGED:
                     break
         finally:
             self.model.shape = shape
@@ -198,7 +207,7 @@ class NoiseSteps:
 
     def _at(self, place: Place) -> torch.Tensor:
         self.model.shape = place.shape
-        return self.shown(self.model.heights(place.lines), place.bench, place.camera)
+        return self.shown(self.model.heights(place.lines), place.bench, place.camera, self._finer)
 
     def _picture(self, bench: Bench, camera: ChannelCamera, finer: int = 1) -> ExactPicture:
         scene = self.numbers.scene_of(bench.values)
@@ -245,8 +254,8 @@ class NoiseSteps:
     def _least(self, here: Place, picture: torch.Tensor) -> float:
         """Squared deviations by which either of two places may leave less for no reason."""
         self.model.shape = here.shape
-        finer = self.shown(self.model.heights(here.lines), here.bench, here.camera, FINER)
-        return SURE * 2 * float(self._deviations(finer - picture).norm())
+        coarser = self.shown(self.model.heights(here.lines), here.bench, here.camera, self._finer - 1)
+        return SURE * 2 * float(self._deviations(coarser - picture).norm())
 
     def _asked(self, linear: BoundedLeast) -> float:
         """What lines and bench would gain beside light and lens."""
@@ -308,7 +317,7 @@ class NoiseSteps:
         bench, camera = here.bench, here.camera
         exact, lit = self._picture(bench, camera), Lit.by(self.numbers, bench, self.device)
         for derivative in by_number:
-            step = DIFFERENCE_M / float(derivative.abs().max().clamp_min(1e-6))
+            step = LINE_STEP_M / float(derivative.abs().max().clamp_min(1e-6))
             low, high = (exact((heights + side * step / 2 * derivative).float()) for side in (-1, 1))
             yield (high - low).double() * lit.factor / step
         light = torch.tensor(bench.light(self._pixels), device=self.device)
@@ -318,10 +327,10 @@ class NoiseSteps:
             if parameter.name == AMBIENT:
                 yield parameter.prior * (light - picture) / (1 + at)
                 continue
-            between = difference_ends(parameter, at, STEP * steps[parameter.name])
+            between = difference_ends(parameter, at, BENCH_STEP * steps[parameter.name])
             values = ({**bench.values, parameter.name: end} for end in between)
             others = (dataclasses.replace(bench, values=each) for each in values)
-            low, high = (picture if b.values == bench.values else self.shown(heights, b, camera) for b in others)
+            low, high = (self.shown(heights, b, camera) for b in others)
             yield parameter.prior * (high - low) / (between[1] - between[0])
         for mode in self._field:
             yield FIELD_WIDTH * mode * picture / light

@@ -22,6 +22,7 @@ from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
+from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread, fine_pixels
 
 FARTHER = dict(gap_m=1.5e-4, tilt_x_rad=1.5e-3, ambient=0.01)
 
@@ -209,6 +210,26 @@ def test_a_result_says_what_steps_were_told(monkeypatch, memory):
     assert not run.counters
 
 
+def test_pictures_that_are_compared_are_nearer_to_finer_ones(model):
+    """And coarser ones tell no less than they are off by."""
+    run = left_as_told(model, bench_with())
+    camera = dataclasses.replace(run.view.camera, spread=PointSpread.of_lens(np.full(3, 0.5)), pixels=128)
+    steps = NoiseSteps(run)
+    place = noise_steps.Place(run.lines, model.shape, run.bench, camera)
+    compared, heights = steps._at(place), model.heights(run.lines)
+    usual, coarser, exact = (steps.shown(heights, run.bench, camera, finer) for finer in (1, steps._finer - 1, 8))
+    off = [float((each - exact).norm()) for each in (usual, compared)]
+    assert off[1] < 0.3 * off[0]
+    assert off[1] < float((coarser - compared).norm()) < off[0]
+
+
+@pytest.mark.parametrize(("pixels", "finer"), [(128, 3), (512, 3), (1024, 2), (2048, 2)])
+def test_fine_pixels_are_no_more_than_a_computer_holds(model, monkeypatch, pixels, finer):
+    run = left_as_told(model, bench_with())
+    monkeypatch.setattr(noise_steps, "fine_pixels", lambda own: fine_pixels(pixels))
+    assert NoiseSteps(run)._finer == finer
+
+
 def test_people_are_told_of_the_misfit_of_fits(model):
     """In the units of descents, so that a report's curve goes on."""
     run, told = left_as_told(model, bench_with(**FARTHER)), []
@@ -228,6 +249,6 @@ def test_views_are_those_of_resimulations(model):
     run = left_as_told(model, bench_with())
     assert isinstance(run.view.resimulation, Resimulation)
     steps = NoiseSteps(run)
-    shown = steps._at(noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera))
+    shown = steps.shown(model.heights(run.lines), run.bench, run.view.camera)
     seen = run.view.discrepancy.picture(run.view.relief(run.lines))
     torch.testing.assert_close(shown.float(), seen, atol=1e-4, rtol=1e-3)
