@@ -334,12 +334,19 @@ class NoiseSteps:
             yield parameter.prior * (high - low) / (between[1] - between[0])
         for mode in self._field:
             yield FIELD_WIDTH * mode * picture / light
-        if lens_weights.count_of(camera):
-            sharp = self._picture(bench, lens_weights.sharpened(camera))(heights.float()).double()
-            for channel, change in lens_weights.derivatives(sharp):
-                row = torch.zeros_like(picture)
-                row[channel] = change * lit.factor[channel]
-                yield row
+        yield from self._by_lens(here, heights.float(), lit.factor)
+
+    def _by_lens(self, here: Place, heights: torch.Tensor, factor: torch.Tensor) -> Iterator[torch.Tensor]:
+        """Derivatives of what is shown by the numbers of a lens, if one is known."""
+        if not lens_weights.count_of(here.camera):
+            return
+        ends = (lens_weights.widened(here.camera, 1 + side * lens_weights.LENS_STEP) for side in (-1, 1))
+        cameras = lens_weights.sharpened(here.camera), *ends
+        seen = (self._picture(here.bench, camera)(heights).double() for camera in cameras)
+        for channel, change in lens_weights.derivatives(*seen):
+            row = torch.zeros_like(factor)
+            row[channel] = change * factor[channel]
+            yield row
 
     def _ends(self, numbers: DescentNumbers, at: FloatArray, bench: Bench, size: int) -> tuple[FloatArray, FloatArray]:
         """How far numbers may move downwards and upwards, shape [P + K]."""
