@@ -40,7 +40,7 @@ class FibresOptions(DirectOptions):
     where that takes seconds; a CPU takes half a minute each time."""
     last_steps: bool | None = None
     """Whether lines that leave nothing but noise, and their bench, go where that noise tells clearly more of them.
-    None: on a GPU, where that takes seconds; two cores take minutes for five lines, ten for twenty."""
+    None: on a GPU, where that takes seconds; two cores take ten minutes for five lines, more for many."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""

@@ -15,8 +15,8 @@ What pictures are simulated wrong by, e, is no noise: it changes with every numb
 to 2 |W e / s| less by it. So pictures that are compared with the image are on three times as many fine pixels along the
 image as others; those on two times as many tell how much they are off by, and to gain less is no reason for a step.
 
-Cost: two pictures for each number of lines, section and bench a step; two minutes for five lines of 512 pixels on two
-cores.
+Cost: two pictures for each number of lines, section and bench a step, of which there are up to eight; each takes 75 s
+for five lines of 512 pixels on two cores.
 """
 
 import dataclasses
