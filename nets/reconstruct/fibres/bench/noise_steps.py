@@ -9,7 +9,7 @@ y in the units of what was measured, so that stray light and the lamp's evenness
 s each pixel's noise, grain and all, by the light that is shown there; W makes noise white that neighbours share
 (:mod:`warp_caustics.reconstruct.noise_spectrum`). Pictures are those through the camera's point spread, without the
 error of the fits' lattice. So an image tells of a bench what its noise lets it, where a search, whose lines are not yet
-right, has a hundred pixels err together: five lines left as told, 6.6 um off, end 0.9 um off.
+right, has a hundred pixels err together: five lines left as told, 6.8 um off, end 1.1 um off.
 
 What pictures are simulated wrong by, e, is no noise: it changes with every number, and of two benches either leaves up
 to 2 |W e / s| less by it. So pictures that are compared with the image are on three times as many fine pixels along the
@@ -26,7 +26,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import torch
 
-from nets.reconstruct.fibres.bench import lens_weights
+from nets.reconstruct.fibres.bench import lens_numbers
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, flat_ratio
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
@@ -63,16 +63,16 @@ NOTED = 6
 """Numbers between two times that people are told."""
 MEMORY_SHARE = 0.2
 """Of a GPU's memory that derivatives may take; more of them lie in the main memory."""
-FINER, MOST_FINE_PIXELS = 3, 8192
-"""Times as many fine pixels along the image as usual, but no more than so many: of pictures that are compared with it.
-One less tells by how much these are off."""
+FINER, MOST_COMPARED_PIXELS = 3, 8192
+"""Times as many fine pixels along the image as usual, of pictures that are compared with it; twice as many where that
+would be more than the second number. One time less tells by how much these are off."""
 LINE_STEP_M, BENCH_STEP = 3 * DIFFERENCE_M, 6 * STEP
 """Differences by which derivatives are taken, of heights and of a bench's numbers. Light that moves by less than a fine
-pixel changes what these fold back: by a gap 15 % of the derivative, by the height of a line 6 to 13. Of differences
-several times as large that is 5 and 2 to 4 %, and what is left to third order as much."""
+pixel changes what these fold back: beside sixteen lines by a gap 15 % of the derivative, by the height of a line 6 to
+13. Of differences several times as large that is 5 and 3 to 9 %, and what is left to third order is 2 to 7."""
 SURE = 5.0
-"""Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of own plates
-three that asked for 5.5 to 18 times it came nearer, two that asked for 3.5 and 4.3 did not."""
+"""Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of nine own
+plates seven that asked for 7 to 100 times it came nearer, two that asked for 5 and 9 did not."""
 
 
 class Lit(NamedTuple):
@@ -156,7 +156,7 @@ class NoiseSteps:
     def __init__(self, run: Run):
         self.run, self.model, self.numbers = run, run.model, run.numbers
         self._pixels, view = self.numbers.scene.image_pixels, run.view
-        self._finer = max(2, min(FINER, MOST_FINE_PIXELS // fine_pixels(self._pixels)))
+        self._finer = max(2, min(FINER, MOST_COMPARED_PIXELS // fine_pixels(self._pixels)))
         whole = view.discrepancy.whole
         if whole.noise is None:
             raise ValueError("steps by the noise of an image need that noise; tell it")
@@ -268,7 +268,7 @@ class NoiseSteps:
         heights, by_line = model.with_jacobian(here.lines)
         numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
         at, believed = numbers.of(here.lines, here.shape), self._believed(here.bench)
-        beside = len(believed) + lens_weights.count_of(here.camera)
+        beside = len(believed) + lens_numbers.count_of(here.camera)
         size = numbers.size + beside
         jacobian = torch.empty(size, picture.numel(), device=_home(4 * size * picture.numel(), self.device))
         rest = self._deviations(picture - self._measured)
@@ -296,7 +296,7 @@ class NoiseSteps:
             numbers = DescentNumbers(self.model, len(here.lines), self.run.moves_section)
             lines = numbers.put(linear.at + part * step[:count])
             bench = here.bench.moved(self.numbers, part * step[count : count + len(believed)] * self._widths)
-            camera = lens_weights.moved(here.camera, part * step[count + len(believed) :])
+            camera = lens_numbers.moved(here.camera, part * step[count + len(believed) :])
             if camera.spread is not None and not camera.spread.is_plausible:
                 continue
             there = Place(lines, self.model.shape, bench, camera)
@@ -338,12 +338,12 @@ class NoiseSteps:
 
     def _by_lens(self, here: Place, heights: torch.Tensor, factor: torch.Tensor) -> Iterator[torch.Tensor]:
         """Derivatives of what is shown by the numbers of a lens, if one is known."""
-        if not lens_weights.count_of(here.camera):
+        if not lens_numbers.count_of(here.camera):
             return
-        ends = (lens_weights.widened(here.camera, 1 + side * lens_weights.LENS_STEP) for side in (-1, 1))
-        cameras = lens_weights.sharpened(here.camera), *ends
+        ends = (lens_numbers.widened(here.camera, 1 + side * lens_numbers.LENS_STEP) for side in (-1, 1))
+        cameras = lens_numbers.sharpened(here.camera), *ends
         seen = (self._picture(here.bench, camera)(heights).double() for camera in cameras)
-        for channel, change in lens_weights.derivatives(*seen):
+        for channel, change in lens_numbers.derivatives(*seen):
             row = torch.zeros_like(factor)
             row[channel] = change * factor[channel]
             yield row

@@ -1,6 +1,7 @@
 """Steps of lines and bench that nothing but an image's noise holds."""
 
 import dataclasses
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres import lines_of_image
-from nets.reconstruct.fibres.bench import noise_steps
+from nets.reconstruct.fibres.bench import lens_numbers, noise_steps
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
@@ -18,6 +19,7 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.options import FibresOptions
 from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with, photographed, run_with
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
+from warp_caustics.found_bench.bench_model import STEP
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -213,14 +215,69 @@ def test_a_result_says_what_steps_were_told(monkeypatch, memory):
 def test_pictures_that_are_compared_are_nearer_to_finer_ones(model):
     """And coarser ones tell no less than they are off by."""
     run = left_as_told(model, bench_with())
-    camera = dataclasses.replace(run.view.camera, spread=PointSpread.of_lens(np.full(3, 0.5)), pixels=128)
-    steps = NoiseSteps(run)
+    camera, steps = behind_lens(run.view.camera), NoiseSteps(run)
     place = noise_steps.Place(run.lines, model.shape, run.bench, camera)
     compared, heights = steps._at(place), model.heights(run.lines)
     usual, coarser, exact = (steps.shown(heights, run.bench, camera, finer) for finer in (1, steps._finer - 1, 8))
     off = [float((each - exact).norm()) for each in (usual, compared)]
     assert off[1] < 0.3 * off[0]
     assert off[1] < float((coarser - compared).norm()) < off[0]
+
+
+@pytest.mark.parametrize(("name", "share"), [("screen_x_m", 0.3), ("tilt_x_rad", 0.3), ("gap_m", 1.05)])
+def test_large_differences_fold_back_less(model, monkeypatch, name, share):
+    """Of what lies aside half of a derivative is that by light that moves within a fine pixel; wide lines hide it of a
+    gap.
+    """
+    run = left_as_told(model, bench_with())
+    place = noise_steps.Place(run.lines, model.shape, run.bench, behind_lens(run.view.camera))
+    steps, heights = NoiseSteps(run), model.heights(run.lines)
+    folded = []
+    for differences in (noise_steps.BENCH_STEP, STEP):
+        monkeypatch.setattr(noise_steps, "BENCH_STEP", differences)
+        usual, fine = (by_number(steps, place, heights, name, finer) for finer in (1, 4))
+        folded.append(float((usual - fine).norm() / fine.norm()))
+    assert 0 < folded[0] < share * folded[1]
+
+
+def by_number(steps, place, heights, name, finer):
+    """Derivative of what is shown by a number of the bench, on so many times as many fine pixels."""
+    fine = SimpleNamespace(**vars(steps))
+    fine.shown = lambda heights, bench, camera: steps.shown(heights, bench, camera, finer)
+    fine._picture = lambda bench, camera: steps._picture(bench, camera, finer)
+    rows = NoiseSteps._by_all(fine, place, heights, heights.new_zeros(0, *heights.shape), steps._at(place))
+    return next(itertools.islice(rows, NUMBERS.names.index(name), None))
+
+
+def test_a_lens_is_moved_as_derivatives_say(model):
+    """In light that is uneven and stray, as what was measured is compared."""
+    run = left_as_told(model, bench_with())
+    bench = dataclasses.replace(bench_with(ambient=0.02), field=np.linspace(-0.05, 0.05, len(run.bench.field)))
+    camera, steps, heights = behind_lens(run.view.camera), NoiseSteps(run), model.heights(run.lines)
+    place = noise_steps.Place(run.lines, model.shape, bench, camera)
+    factor = noise_steps.Lit.by(NUMBERS, bench, steps.device).factor
+    rows = torch.stack(list(steps._by_lens(place, heights, factor)))
+    step = 0.02 * np.random.default_rng(0).standard_normal(lens_numbers.count_of(camera))
+    low, high = (steps.shown(heights, bench, lens_numbers.moved(camera, side * step / 2)) for side in (-1, 1))
+    expected = torch.einsum("k,kcij->cij", torch.from_numpy(step), rows)
+    assert float((high - low - expected).norm()) < 0.01 * float(expected.norm())
+
+
+def test_steps_go_on_below_what_they_must_gain_in_all(model, monkeypatch):
+    """That decides whether there are any; a single one need not gain as much."""
+    run, gains = left_as_told(model, bench_with()), iter([60.0, 20.0, 2.0, 0.5, 0.1])
+    monkeypatch.setattr(NoiseSteps, "_linear", lambda self, here, picture: None)
+    monkeypatch.setattr(NoiseSteps, "_asked", lambda self, linear: 70.0)
+    monkeypatch.setattr(NoiseSteps, "_least", lambda self, here, picture: 50.0)
+    monkeypatch.setattr(NoiseSteps, "_nearer", lambda self, here, linear, picture: (here, next(gains)))
+    steps = NoiseSteps(run)
+    steps()
+    assert steps.told == noise_steps.Told(asked=70.0, least=50.0, gained=82.5, steps=4)
+
+
+def behind_lens(camera):
+    """The camera with a lens of half a pixel that is known."""
+    return dataclasses.replace(camera, spread=PointSpread.of_lens(np.full(3, 0.5)), pixels=128)
 
 
 @pytest.mark.parametrize(("pixels", "finer"), [(128, 3), (512, 3), (1024, 2), (2048, 2)])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench.lens_weights import (
+from nets.reconstruct.fibres.bench.lens_numbers import (
+    LENS_PRIOR,
     LENS_STEP,
-    LENS_WIDTH,
     PAIRS,
     count_of,
     derivatives,
@@ -77,5 +77,5 @@ def test_a_lens_is_as_much_wider_as_is_said(camera):
     step = np.zeros(count_of(camera))
     step[3 * PAIRS :] = 0.0, 1.0, -1.0
     widths = moved(camera, step).spread.lens_px / camera.spread.lens_px
-    np.testing.assert_allclose(widths, np.exp([0.0, LENS_WIDTH, -LENS_WIDTH]))
+    np.testing.assert_allclose(widths, np.exp([0.0, LENS_PRIOR, -LENS_PRIOR]))
     np.testing.assert_allclose(widened(camera, 1.5).spread.lens_px, 0.75)

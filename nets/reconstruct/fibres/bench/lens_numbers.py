@@ -2,8 +2,7 @@
 
 Opposite weights are alike, and what they gain the middle one loses: as they are found by least squares
 (:mod:`warp_caustics.reconstruct.seen_camera.spread_estimate`). A lens that is found before the bench makes up for it:
-one of 0.65 px in place of 0.7, with weights and all, left 270 squared deviations more than the true one, and five lines
-that steps brought there were 1.1 um off.
+one of 0.65 px in place of 0.7 left 270 squared deviations more beside five lines than the true one, weights and all.
 """
 
 import dataclasses
@@ -20,7 +19,7 @@ from warp_caustics.types import FloatArray
 SIDE = 2 * REACH + 1
 PAIRS = SIDE**2 // 2
 """Of opposite weights, of one channel."""
-LENS_WIDTH, LENS_STEP = 0.1, 0.02
+LENS_PRIOR, LENS_STEP = 0.1, 0.02
 """Standard deviation of what is believed of a lens's width, and a difference by it, relative to that."""
 
 
@@ -60,7 +59,7 @@ def derivatives(sharp: torch.Tensor, narrow: torch.Tensor, wide: torch.Tensor) -
             one = padded[y : y + pixels, x : x + pixels]
             other = padded[last - y : last - y + pixels, last - x : last - x + pixels]
             yield channel, WEIGHT_WIDTH * (one + other - 2 * picture)
-    yield from enumerate(LENS_WIDTH / (2 * LENS_STEP) * (wide - narrow))
+    yield from enumerate(LENS_PRIOR / (2 * LENS_STEP) * (wide - narrow))
 
 
 def moved(camera: ChannelCamera, step: FloatArray) -> ChannelCamera:
@@ -74,4 +73,4 @@ def moved(camera: ChannelCamera, step: FloatArray) -> ChannelCamera:
     weights[:, PAIRS + 1 :] += sides[:, ::-1]
     weights[:, PAIRS] -= 2 * sides.sum(1)
     spread = dataclasses.replace(camera.spread, weights=weights.reshape(camera.spread.weights.shape))
-    return widened(dataclasses.replace(camera, spread=spread), np.exp(LENS_WIDTH * step[channels * PAIRS :]))
+    return widened(dataclasses.replace(camera, spread=spread), np.exp(LENS_PRIOR * step[channels * PAIRS :]))
