@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -104,6 +104,26 @@ class Bench:
         columns, rows = (a * x + b * (x**2 - 1 / 3) for a, b in ((along_x, square_x), (along_y, square_y)))
         shared: FloatArray = columns + rows[:, None] + np.outer(both * x, x)
         return shared
+
+
+class Lit(NamedTuple):
+    """What a bench and its light make of a picture on that bench's own even plate: factor * E + added.
+
+    Attributes:
+        factor: shape [n_w, m, m] [1].
+        added: of stray light, in units of the radiosity, same shape.
+    """
+
+    factor: torch.Tensor
+    added: torch.Tensor
+
+    @classmethod
+    def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "Lit":
+        """By a bench (:func:`lit`)."""
+        stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
+        light = bench.light(numbers.scene.image_pixels) / (1 + stray)
+        parts = light / flat_ratio(numbers, bench), stray * light
+        return cls(*(torch.tensor(each, dtype=torch.float64, device=device) for each in parts))
 
 
 def field_modes(channels: int, pixels: int) -> FloatArray:

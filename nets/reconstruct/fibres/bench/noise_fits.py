@@ -8,7 +8,8 @@ from nets.reconstruct.fibres.bench.run_state import RunState
 def fit_by_noise(run: Run) -> Told | None:
     """Lines, bench and lens where an image's noise tells clearly more of them; what it told, None if it was not asked.
 
-    It is asked by lines that leave nothing but noise everywhere. A search takes a bench as told where a hundred pixels
+    It is asked by lines that leave nothing but noise everywhere: where these nearly tell another bench, or all of them
+    together hint at one. A search takes a bench as told where a hundred pixels
     that err together do not tell it: five lines on an ordinary bench, light going 3.2 % farther, were 6.6 um off so.
     What is stated of lines and bench is what a hundred leave open, here as elsewhere.
 
@@ -18,9 +19,11 @@ def fit_by_noise(run: Run) -> Told | None:
     Raises:
         KeyboardInterrupt: the run's time is over; lines are as they were.
     """
-    if not (is_open(run) and run.view.is_settled(run.lines)):
+    if not run.view.is_settled(run.lines):
         return None
     steps, kept, is_kept = NoiseSteps(run), RunState.of(run), False
+    if not (is_open(run) or steps.is_hinted()):
+        return None
     try:
         there = steps()
         if steps.told.is_more:

@@ -21,25 +21,27 @@ for five lines of 512 pixels on two cores.
 
 import dataclasses
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench import lens_numbers
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, flat_ratio
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, Lit, field_modes
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.noise_place import Place, Ways
 from nets.reconstruct.fibres.bench.run_state import LinesRun
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
-from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL, WIDTH
+from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL
+from nets.reconstruct.fibres.image.image_fit import WIDTH as LOSS_WIDTH
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.calibration.view_model import difference_ends
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import STEP
-from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE, BenchNumbers
-from warp_caustics.prints.model import Shape
+from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
+from warp_caustics.prints.model import HEIGHT, WIDTH
 from warp_caustics.reconstruct.image_noise import NoiseOfLight
 from warp_caustics.reconstruct.noise_spectrum import Whitening
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, simulator_at
@@ -73,42 +75,10 @@ pixel changes what these fold back: beside sixteen lines by a gap 15 % of the de
 SURE = 5.0
 """Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of nine own
 plates seven that asked for 7 to 100 times it came nearer, two that asked for 5 and 9 did not."""
-
-
-class Lit(NamedTuple):
-    """What a bench and its light make of a picture on that bench's own even plate: factor * E + added.
-
-    Attributes:
-        factor: shape [n_w, m, m] [1].
-        added: of stray light, in units of the radiosity, same shape.
-    """
-
-    factor: torch.Tensor
-    added: torch.Tensor
-
-    @classmethod
-    def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "Lit":
-        """By a bench (:func:`~nets.reconstruct.fibres.bench.bench_and_light.lit`)."""
-        stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
-        light = bench.light(numbers.scene.image_pixels) / (1 + stray)
-        parts = light / flat_ratio(numbers, bench), stray * light
-        return cls(*(torch.tensor(each, dtype=torch.float64, device=device) for each in parts))
-
-
-class Place(NamedTuple):
-    """Lines, their section, bench and camera.
-
-    Attributes:
-        lines: shape [L, 6] [m].
-        shape: of their section.
-        bench: with its light.
-        camera: with its point spread.
-    """
-
-    lines: torch.Tensor
-    shape: Shape
-    bench: Bench
-    camera: ChannelCamera
+HINTED = 0.25
+"""Of what steps must gain, that a bench must beside lines that move alike for all numbers to be asked: on own plates
+that was 0.4 and 0.5 of what all of them would gain where gap or base were other by a third of what is believed, 0.1 to
+0.2 where they were right, which was 0.03 to 0.06 of what steps must gain."""
 
 
 @dataclasses.dataclass
@@ -200,6 +170,17 @@ class NoiseSteps:
             self.model.shape = shape
         return here
 
+    def is_hinted(self) -> bool:
+        """Whether the bench promises a good part of what steps must gain, if all lines move alike.
+
+        In two pictures for each number of the bench, and four for the lines, however many there are.
+        """
+        here = Place(self.run.lines, self.model.shape, self.run.bench, self.run.view.camera)
+        picture = self._at(here)
+        self._ask_noise(picture, here.bench)
+        alike = self._asked(self._linear_alike(here, picture))
+        return alike > HINTED * self._least(here, picture)
+
     def shown(self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1) -> torch.Tensor:
         """What a relief [m], shape [n, n], shows on a bench as it would be measured, shape [n_w, m, m]."""
         lit = Lit.by(self.numbers, bench, self.device)
@@ -232,7 +213,7 @@ class NoiseSteps:
     def _misfit(self, picture: torch.Tensor) -> float:
         """As fits of lines tell it (Charbonnier)."""
         rest = (picture - self._measured) * self._counts
-        return float(((rest**2 + WIDTH**2).sqrt() - WIDTH).sum() / self._counts.sum())
+        return float(((rest**2 + LOSS_WIDTH**2).sqrt() - LOSS_WIDTH).sum() / self._counts.sum())
 
     def _with_lens(self, here: Place, picture: torch.Tensor) -> tuple[Place, torch.Tensor]:
         """With the lens that lines tell where they are, whose form steps do not change, if that leaves less."""
@@ -267,13 +248,32 @@ class NoiseSteps:
         model.shape = here.shape
         heights, by_line = model.with_jacobian(here.lines)
         numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
-        at, believed = numbers.of(here.lines, here.shape), self._believed(here.bench)
+        at = numbers.of(here.lines, here.shape)
+        own = np.full(numbers.size, STEP_M)
+        own[6 * len(here.lines) :] = [SHAPE_WIDTHS[place] for place in numbers.of_shape]
+        least, most = numbers.ends(at)
+        by_number = numbers.derivatives(here.lines, by_line)
+        return self._about(here, picture, Ways(at, own, least - at, most - at, heights, by_number))
+
+    def _linear_alike(self, here: Place, picture: torch.Tensor) -> BoundedLeast:
+        """As if all lines were higher by the same share, or wider."""
+        self.model.shape = here.shape
+        heights, by_line = self.model.with_jacobian(here.lines)
+        by_line = by_line.reshape(len(here.lines), -1, *heights.shape)
+        share = here.lines.to(by_line)
+        alike = torch.stack([torch.einsum("l,lij->ij", share[:, k], by_line[:, k]) for k in (HEIGHT, WIDTH)])
+        free = np.full(2, np.inf)
+        return self._about(here, picture, Ways(np.zeros(2), np.ones(2), -free, free, heights, alike))
+
+    def _about(self, here: Place, picture: torch.Tensor, ways: Ways) -> BoundedLeast:
+        """The least of what is left, about a place, of ways in which lines move, and of bench, light and lens."""
+        believed, count = self._believed(here.bench), len(ways.at)
         beside = len(believed) + lens_numbers.count_of(here.camera)
-        size = numbers.size + beside
+        size = count + beside
         jacobian = torch.empty(size, picture.numel(), device=_home(4 * size * picture.numel(), self.device))
         rest = self._deviations(picture - self._measured)
         root = (self._counts / (1 + (rest / ROBUST) ** 2).sqrt()).sqrt()
-        rows = self._by_all(here, heights, numbers.derivatives(here.lines, by_line), picture)
+        rows = self._by_all(here, ways.heights, ways.derivatives, picture)
         misfit = self._misfit(picture)
         for number, (row, change) in enumerate(zip(jacobian, rows, strict=True)):
             row.copy_((self._deviations(change) * root).flatten())
@@ -281,11 +281,9 @@ class NoiseSteps:
                 self.run.note(misfit)
         information = (jacobian @ jacobian.T).double().cpu().numpy()
         gradient = (jacobian @ (rest * root).flatten().to(jacobian)).double().cpu().numpy()
-        own = np.full(numbers.size, STEP_M)
-        own[6 * len(here.lines) :] = [SHAPE_WIDTHS[place] for place in numbers.of_shape]
-        information += np.diag(np.append(own**-2.0, np.ones(beside)))
-        gradient[len(at) : len(at) + len(believed)] += believed
-        return BoundedLeast(at, information, gradient, *self._ends(numbers, at, here.bench, size))
+        information += np.diag(np.append(ways.own**-2.0, np.ones(beside)))
+        gradient[count : count + len(believed)] += believed
+        return BoundedLeast(ways.at, information, gradient, *self._ends(ways, here.bench, size))
 
     def _nearer(self, here: Place, linear: BoundedLeast, picture: torch.Tensor) -> tuple[Place | None, float]:
         """A place that leaves less, and by how much; None where there is none."""
@@ -348,12 +346,11 @@ class NoiseSteps:
             row[channel] = change * factor[channel]
             yield row
 
-    def _ends(self, numbers: DescentNumbers, at: FloatArray, bench: Bench, size: int) -> tuple[FloatArray, FloatArray]:
+    def _ends(self, ways: Ways, bench: Bench, size: int) -> tuple[FloatArray, FloatArray]:
         """How far numbers may move downwards and upwards, shape [P + K]."""
-        lowest, highest = np.full(size, -np.inf), np.full(size, np.inf)
-        ends = numbers.ends(at)
-        lowest[: len(at)], highest[: len(at)] = ends[0] - at, ends[1] - at
-        for k, p in enumerate(self.numbers.parameters, start=len(at)):
+        lowest, highest, count = np.full(size, -np.inf), np.full(size, np.inf), len(ways.at)
+        lowest[:count], highest[:count] = ways.lowest, ways.highest
+        for k, p in enumerate(self.numbers.parameters, start=count):
             if p.name == VERGENCE and self.numbers.is_picture:
                 # Of a picture of another size that is its size, and the image has been brought back already.
                 lowest[k] = highest[k] = 0.0

@@ -10,9 +10,11 @@ import torch
 
 from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import lens_numbers, noise_steps
+from nets.reconstruct.fibres.bench.bench_and_light import Lit
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
+from nets.reconstruct.fibres.bench.noise_place import Place
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
@@ -116,6 +118,39 @@ def test_a_bench_that_is_as_it_was_told_or_found_is_not_asked_again(model, told_
         assert fit_by_noise(run) is None
 
 
+def test_a_bench_that_lines_hardly_tell_is_asked_where_its_noise_does(model):
+    """By what all lines hint at together, in fewer pictures than lines have numbers."""
+    run, true = left_as_told(model, bench_with(**FARTHER)), bench_with(**FARTHER)
+    run.told_share = (0.005, 0.003)
+    assert not is_open(run)
+    told = fit_by_noise(run)
+    assert told.is_more and error_um(model, run.lines) < 0.4
+    assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=2e-3)
+
+
+@pytest.mark.parametrize(("apart", "expected"), [({}, False), (dict(gap_m=2e-5), True), (FARTHER, True)])
+def test_a_bench_hints_that_it_is_another(model, apart, expected):
+    """Not one as told, whose pictures are simulated wrong by as much."""
+    run = left_as_told(model, bench_with(**apart))
+    steps = NoiseSteps(run)
+    lines, bench, shape = run.lines, run.bench, model.shape
+    assert steps.is_hinted() == expected
+    assert run.lines is lines and run.bench is bench and model.shape == shape
+    assert steps.told == noise_steps.Told()
+
+
+def test_lines_alike_promise_less_than_lines_apart(model):
+    """They are some of the ways in which lines may move."""
+    run = left_as_told(model, bench_with(**FARTHER))
+    steps, here = NoiseSteps(run), Place(run.lines, model.shape, run.bench, run.view.camera)
+    picture = steps._at(here)
+    steps._ask_noise(picture, here.bench)
+    alike, apart = (
+        steps._asked(linear) for linear in (steps._linear_alike(here, picture), steps._linear(here, picture))
+    )
+    assert 0.1 * apart < alike < apart
+
+
 def test_what_is_interrupted_is_as_it_was(model):
     run = left_as_told(model, bench_with(**FARTHER))
     lines, bench, shape = run.lines, run.bench, model.shape
@@ -141,7 +176,7 @@ def test_the_picture_is_linear_about_a_place(model):
     """Information and gradient by pictures themselves: what a small step changes is what they say, to 2 %."""
     run = left_as_told(model, bench_with(**FARTHER))
     steps = NoiseSteps(run)
-    here = noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera)
+    here = Place(run.lines, model.shape, run.bench, run.view.camera)
     picture = steps._at(here)
     steps._ask_noise(picture, here.bench)
     linear = steps._linear(here, picture)
@@ -151,7 +186,7 @@ def test_the_picture_is_linear_about_a_place(model):
     field = np.zeros(len(linear.gradient))
     field[size + len(NUMBERS.names) :] = 0.02 * rng.standard_normal(len(field) - size - len(NUMBERS.names))
     bench = here.bench.moved(NUMBERS, field[size:] * steps._widths)
-    moved = noise_steps.Place(here.lines, here.shape, bench, here.camera)
+    moved = Place(here.lines, here.shape, bench, here.camera)
     change = steps._left(steps._at(moved)) + float(np.square(steps._believed(bench)).sum()) - steps._left(picture)
     expected = 2 * linear.gradient @ field + field @ linear.information @ field
     assert change == pytest.approx(expected, rel=0.1)
@@ -172,7 +207,7 @@ def test_noise_by_what_was_measured_makes_light_too_dark(model):
     for by_measured in (False, True):
         steps = NoiseSteps(run)
         steps._noise_of = steps._noise_of._replace(grain=grain)
-        place = noise_steps.Place(run.lines, model.shape, run.bench, run.view.camera)
+        place = Place(run.lines, model.shape, run.bench, run.view.camera)
         picture = steps._at(place)
         steps._ask_noise(picture, run.bench)
         if by_measured:
@@ -216,7 +251,7 @@ def test_pictures_that_are_compared_are_nearer_to_finer_ones(model):
     """And coarser ones tell no less than they are off by."""
     run = left_as_told(model, bench_with())
     camera, steps = behind_lens(run.view.camera), NoiseSteps(run)
-    place = noise_steps.Place(run.lines, model.shape, run.bench, camera)
+    place = Place(run.lines, model.shape, run.bench, camera)
     compared, heights = steps._at(place), model.heights(run.lines)
     usual, coarser, exact = (steps.shown(heights, run.bench, camera, finer) for finer in (1, steps._finer - 1, 8))
     off = [float((each - exact).norm()) for each in (usual, compared)]
@@ -230,7 +265,7 @@ def test_large_differences_fold_back_less(model, monkeypatch, name, share):
     gap.
     """
     run = left_as_told(model, bench_with())
-    place = noise_steps.Place(run.lines, model.shape, run.bench, behind_lens(run.view.camera))
+    place = Place(run.lines, model.shape, run.bench, behind_lens(run.view.camera))
     steps, heights = NoiseSteps(run), model.heights(run.lines)
     folded = []
     for differences in (noise_steps.BENCH_STEP, STEP):
@@ -254,8 +289,8 @@ def test_a_lens_is_moved_as_derivatives_say(model):
     run = left_as_told(model, bench_with())
     bench = dataclasses.replace(bench_with(ambient=0.02), field=np.linspace(-0.05, 0.05, len(run.bench.field)))
     camera, steps, heights = behind_lens(run.view.camera), NoiseSteps(run), model.heights(run.lines)
-    place = noise_steps.Place(run.lines, model.shape, bench, camera)
-    factor = noise_steps.Lit.by(NUMBERS, bench, steps.device).factor
+    place = Place(run.lines, model.shape, bench, camera)
+    factor = Lit.by(NUMBERS, bench, steps.device).factor
     rows = torch.stack(list(steps._by_lens(place, heights, factor)))
     step = 0.02 * np.random.default_rng(0).standard_normal(lens_numbers.count_of(camera))
     low, high = (steps.shown(heights, bench, lens_numbers.moved(camera, side * step / 2)) for side in (-1, 1))

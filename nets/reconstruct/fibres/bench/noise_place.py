@@ -1,0 +1,46 @@
+"""Where steps by noise begin, and in which ways lines move from there."""
+
+from typing import NamedTuple
+
+import torch
+
+from nets.reconstruct.fibres.bench.bench_and_light import Bench
+from warp_caustics.prints.model import Shape
+from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
+from warp_caustics.types import FloatArray
+
+
+class Place(NamedTuple):
+    """Lines, their section, bench and camera.
+
+    Attributes:
+        lines: shape [L, 6] [m].
+        shape: of their section.
+        bench: with its light.
+        camera: with its point spread.
+    """
+
+    lines: torch.Tensor
+    shape: Shape
+    bench: Bench
+    camera: ChannelCamera
+
+
+class Ways(NamedTuple):
+    """In which lines and their section move.
+
+    Attributes:
+        at: where they are, shape [P].
+        own: by which each may move in a step at the price of one squared deviation, same shape.
+        lowest: to which each may move from where it is, same shape.
+        highest: the same upwards.
+        heights: of the relief there, shape [n, n] [m].
+        derivatives: of that by each, shape [P, n, n].
+    """
+
+    at: FloatArray
+    own: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+    heights: torch.Tensor
+    derivatives: torch.Tensor
