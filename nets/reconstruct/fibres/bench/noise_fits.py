@@ -9,9 +9,9 @@ def fit_by_noise(run: Run) -> Told | None:
     """Lines, bench and lens where an image's noise tells clearly more of them; what it told, None if it was not asked.
 
     It is asked by lines that leave nothing but noise everywhere: where these nearly tell another bench, or all of them
-    together hint at one. A search takes a bench as told where a hundred pixels
-    that err together do not tell it: five lines on an ordinary bench, light going 3.2 % farther, were 6.6 um off so.
-    What is stated of lines and bench is what a hundred leave open, here as elsewhere.
+    together hint at one. A search takes a bench as told where a hundred pixels that err together do not tell it: five
+    lines on an ordinary bench, light going 3.2 % farther, were 6.6 um off so. What is stated of lines and bench is what
+    a hundred leave open, here as elsewhere.
 
     Args:
         run: lines so far; lines, section, bench, view and covariance change where those of the steps leave less.
