@@ -76,9 +76,9 @@ SURE = 5.0
 """Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of nine own
 plates seven that asked for 7 to 100 times it came nearer, two that asked for 5 and 9 did not."""
 HINTED = 0.25
-"""Of what steps must gain, that a bench must beside lines that move alike for all numbers to be asked: on own plates
-that was 0.4 and 0.5 of what all of them would gain where gap or base were other by a third of what is believed, 0.1 to
-0.2 where they were right, which was 0.03 to 0.06 of what steps must gain."""
+"""Of what steps must gain, that a bench must promise beside lines that move alike for all numbers to be asked. That is
+a quarter to four fifths of what these promise of gaps and bases other by 10 to 30 um; of benches as told it was 0.04 to
+0.15 of what steps must gain, on six own plates."""
 
 
 @dataclasses.dataclass
