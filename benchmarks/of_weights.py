@@ -76,10 +76,10 @@ PLACES = (
     Place("docs/learned.md", "### Noise and exposure", OLD, "python -m benchmarks.learned noise; exposure"),
     Place("docs/learned.md", "### The paper's iteration", {**OLD, **ABLATIONS}, LEARNED),
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
-    Place("docs/learned.md", "## The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
+    Place("docs/fibres.md", "# The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place(
-        "docs/learned.md",
-        "### Prints as machines make them",
+        "docs/fibres.md",
+        "## Prints as machines make them",
         DIRECT,
         "own plates of rows of prints: data_gen.suites.print_shapes with another SEED",
     ),

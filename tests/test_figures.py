@@ -103,7 +103,7 @@ def test_readme_on_an_ordinary_bench():
 
 def test_lines_on_benches_of_a_lab():
     rows = {
-        row[0].partition(",")[0]: row[2:] for row in table(page("docs/learned.md"), "| bench | `direct`, bench as told")
+        row[0].partition(",")[0]: row[2:] for row in table(page("docs/fibres.md"), "| bench | `direct`, bench as told")
     }
     for name in ("careful", "ordinary", "poor", "another"):
         for cell, method in zip(rows[name], ("direct", "fibres"), strict=True):
@@ -157,7 +157,7 @@ def test_plates_as_simulated_are_the_same_everywhere():
     agrees([said], ROWS["direct gpu"])
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/learned.md"])
+@pytest.mark.parametrize("name", ["README.md", "docs/fibres.md"])
 def test_lines_against_the_network(name):
     """How many times as exact ``fibres`` is as ``direct``, plate by plate."""
     (low, high) = re.search(r"(\d+) to (\d+) times as\s+exact", page(name)).groups()
