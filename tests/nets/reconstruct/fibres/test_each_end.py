@@ -54,6 +54,38 @@ def test_a_hidden_end_is_moved_to_where_it_belongs(overlap, step):
     assert found.loss == pytest.approx(fit.loss(fit.model.heights(found.lines)), rel=1e-5)
 
 
+OVER_EDGE = 1e-3 * torch.tensor([[6.0, -20.0, 4.1, 24.7, 3.8, 1.1]], dtype=torch.float64)
+"""Its end is 0.3 mm inside the plate's edge."""
+
+
+def fits_to(lines):
+    model = LineModel(SCENE)
+    seen = light_of(SCENE, model.heights(lines)).numpy()
+    noise = np.random.default_rng(0).standard_normal(seen.shape)
+    image = CausticImage(seen + 0.01 * noise, np.full(1, 0.01))
+    return ImageFit(SCENE, image, model, 4 * N), ImageFit(SCENE, image, model, 2 * N)
+
+
+@pytest.mark.parametrize("beyond_m", [1.3e-3, 1.45e-3, 2.4e-3])
+def test_an_end_that_shows_nothing_comes_back_onto_the_plate(beyond_m):
+    """However far beyond the edge it was: its way back is tried step by step."""
+    right = torch.cat([LINES[:2], OVER_EDGE])
+    fit, quick = fits_to(right)
+    begun = right.clone()
+    begun[2] = stretched(right[2], 2, beyond_m)
+    (moved,) = ends_elsewhere(quick, begun)
+    assert torch.equal(moved[:2], begun[:2]) and float((moved[2] - right[2]).norm()) < 3e-4
+    found = with_each_end(fit, begun, quick)
+    assert float((found.lines[2, 2:4] - right[2, 2:4]).norm()) < 8e-5
+
+
+def test_a_line_that_goes_over_the_edge_stays():
+    right = torch.cat([LINES[:2], OVER_EDGE])
+    right[2] = stretched(OVER_EDGE[0], 2, 1.5e-3)
+    fit, quick = fits_to(right)
+    assert not ends_elsewhere(quick, right) and with_each_end(fit, right, quick) is None
+
+
 def test_ends_in_sight_are_not_tried_far():
     """What it costs are two simulations an end, and twelve more of one that is hidden."""
     _, quick = fits(1.0)
