@@ -106,7 +106,7 @@ class Bench:
         return shared
 
 
-class Lit(NamedTuple):
+class ShownLight(NamedTuple):
     """What a bench and its light make of a picture on that bench's own even plate: factor * E + added.
 
     Attributes:
@@ -118,7 +118,7 @@ class Lit(NamedTuple):
     added: torch.Tensor
 
     @classmethod
-    def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "Lit":
+    def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "ShownLight":
         """By a bench (:func:`lit`)."""
         stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
         light = bench.light(numbers.scene.image_pixels) / (1 + stray)

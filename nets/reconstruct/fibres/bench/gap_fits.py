@@ -119,7 +119,8 @@ def is_open(run: Run) -> bool:
     """Whether noise may tell more of how far light goes than lines have told with a hundred pixels that err together.
 
     Not of a bench on which light goes as far as it does, within what those leave open, or twice that where nothing at
-    all of the bench was found to be other: there all numbers would take most plates longer than all the rest.
+    all of the bench was found to be other: there all numbers would take most plates longer than all the rest. Steps by
+    noise ask such a bench where all lines together hint at another one.
     """
     if run.told_share is None:
         return True

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench import lens_numbers
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, Lit, field_modes
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, field_modes
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
@@ -131,7 +131,7 @@ class NoiseSteps:
         if whole.noise is None:
             raise ValueError("steps by the noise of an image need that noise; tell it")
         self.device = whole.irradiance.device
-        lit = Lit.by(self.numbers, run.bench, self.device)
+        lit = ShownLight.by(self.numbers, run.bench, self.device)
         self._measured = whole.irradiance.double() * lit.factor + lit.added
         self._counts = (whole.weight > 0).double()
         self._noise_of = NoiseOfLight.of(view.image_with_noise, view.scene, self.device)
@@ -183,7 +183,7 @@ class NoiseSteps:
 
     def shown(self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1) -> torch.Tensor:
         """What a relief [m], shape [n, n], shows on a bench as it would be measured, shape [n_w, m, m]."""
-        lit = Lit.by(self.numbers, bench, self.device)
+        lit = ShownLight.by(self.numbers, bench, self.device)
         return self._picture(bench, camera, finer)(heights.float()).double() * lit.factor + lit.added
 
     def _at(self, place: Place) -> torch.Tensor:
@@ -197,7 +197,7 @@ class NoiseSteps:
 
     def _ask_noise(self, picture: torch.Tensor, bench: Bench) -> None:
         """Noise by what is shown, and its spectrum by what is left."""
-        lit = Lit.by(self.numbers, bench, self.device)
+        lit = ShownLight.by(self.numbers, bench, self.device)
         # The image's noise is told as on the even plate of the bench that the run is on.
         self._noise = self._noise_of((picture - lit.added) / lit.factor) * self._own_lit
         self._white = Whitening.of((picture - self._measured) / self._noise, self._counts)
@@ -313,7 +313,7 @@ class NoiseSteps:
     ) -> Iterator[torch.Tensor]:
         """Derivatives of what is shown: by the lines' numbers, and by bench, light and lens in their widths."""
         bench, camera = here.bench, here.camera
-        exact, lit = self._picture(bench, camera), Lit.by(self.numbers, bench, self.device)
+        exact, lit = self._picture(bench, camera), ShownLight.by(self.numbers, bench, self.device)
         for derivative in by_number:
             step = LINE_STEP_M / float(derivative.abs().max().clamp_min(1e-6))
             low, high = (exact((heights + side * step / 2 * derivative).float()) for side in (-1, 1))

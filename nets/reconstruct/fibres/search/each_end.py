@@ -4,7 +4,7 @@ Little of the image shows such an end. What is wrong of it by a third of a milli
 pixel, and a hundred times what the noise of all of them leaves open; on the way to where it belongs the misfit rises.
 Three own plates of 24 lines had all other numbers right to 3 um: they were 0.57, 0.79 and 1.07 um off, and are 0.24,
 0.32 and 0.28 at one wavelength with that end moved. And an end beyond the plate's edge shows nothing at all: one that
-belongs 0.3 mm inside left a development field 0.31 um off, 18 at the edge, that is 0.12 with it.
+belongs 0.3 mm inside left a development field 0.31 um off, 18 at the edge, that is 0.13 with it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,8 +26,8 @@ UNSEEN_FACTOR = 1.001
 """An end whose small move inward changes the misfit by no more than this factor lies where nothing shows it, as beyond
 the plate's edge: nothing says how far away it belongs."""
 INWARD_M = tuple(-1.5e-4 * k for k in range(1, 21))
-"""By which such an end is moved. One of 1.45 mm was 0.3 mm inside the edge: 1.1 mm inward it showed nothing, 1.6 mm
-raised the misfit by a sixth, and its valley between them is a quarter of a millimetre wide."""
+"""By which such an end is moved. One that lay 1.45 mm too far out showed nothing 1.1 mm further in, and raised the
+misfit by a sixth 1.6 mm further in: the valley between is a quarter of a millimetre wide."""
 BETTER_FACTOR = 0.999
 """By which the misfit must fall before anything else has moved, for an end to be given a descent."""
 TRIED = 3

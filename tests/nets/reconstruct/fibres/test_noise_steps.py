@@ -10,7 +10,7 @@ import torch
 
 from nets.reconstruct.fibres import lines_of_image
 from nets.reconstruct.fibres.bench import lens_numbers, noise_steps
-from nets.reconstruct.fibres.bench.bench_and_light import Lit
+from nets.reconstruct.fibres.bench.bench_and_light import ShownLight
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
@@ -290,7 +290,7 @@ def test_a_lens_is_moved_as_derivatives_say(model):
     bench = dataclasses.replace(bench_with(ambient=0.02), field=np.linspace(-0.05, 0.05, len(run.bench.field)))
     camera, steps, heights = behind_lens(run.view.camera), NoiseSteps(run), model.heights(run.lines)
     place = Place(run.lines, model.shape, bench, camera)
-    factor = Lit.by(NUMBERS, bench, steps.device).factor
+    factor = ShownLight.by(NUMBERS, bench, steps.device).factor
     rows = torch.stack(list(steps._by_lens(place, heights, factor)))
     step = 0.02 * np.random.default_rng(0).standard_normal(lens_numbers.count_of(camera))
     low, high = (steps.shown(heights, bench, lens_numbers.moved(camera, side * step / 2)) for side in (-1, 1))
