@@ -34,13 +34,9 @@ class Ways(NamedTuple):
         own: by which each may move in a step at the price of one squared deviation, same shape.
         lowest: to which each may move from where it is, same shape.
         highest: the same upwards.
-        heights: of the relief there, shape [n, n] [m].
-        derivatives: of that by each, shape [P, n, n].
     """
 
     at: FloatArray
     own: FloatArray
     lowest: FloatArray
     highest: FloatArray
-    heights: torch.Tensor
-    derivatives: torch.Tensor

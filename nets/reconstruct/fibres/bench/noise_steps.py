@@ -5,23 +5,23 @@ Gauss-Newton (Nocedal & Wright, Numerical Optimization, section 10.3) of all tha
 $$\sum_i \rho(W (y(\theta) - y) / s)_i + \sum_k ((\theta_k - told_k) / w_k)^2, \qquad
 \rho(r) = 2 c^2 (\sqrt{1 + r^2 / c^2} - 1),$$
 
-y in the units of what was measured, so that stray light and the lamp's evenness change what is shown and not the noise;
-s each pixel's noise, grain and all, by the light that is shown there; W makes noise white that neighbours share
-(:mod:`warp_caustics.reconstruct.noise_spectrum`). Pictures are those through the camera's point spread, without the
-error of the fits' lattice. So an image tells of a bench what its noise lets it, where a search, whose lines are not yet
-right, has a hundred pixels err together: five lines left as told, 6.8 um off, end 1.1 um off.
+of deviations that :mod:`~nets.reconstruct.fibres.bench.noise_misfit` tells. Pictures are those through the camera's
+point spread, without the error of the fits' lattice. So an image tells of a bench what its noise lets it, where a
+search, whose lines are not yet right, has a hundred pixels err together: five lines left as told, 6.8 um off, end
+1.1 um off.
 
 What pictures are simulated wrong by, e, is no noise: it changes with every number, and of two benches either leaves up
 to 2 |W e / s| less by it. So pictures that are compared with the image are on three times as many fine pixels along the
 image as others; those on two times as many tell how much they are off by, and to gain less is no reason for a step.
 
-Cost: two pictures for each number of lines, section and bench a step, of which there are up to eight; each takes 75 s
-for five lines of 512 pixels on two cores.
+Cost: two pictures for each number of lines, section and bench, 75 s for five lines of 512 pixels on two cores, up to
+eight times. What is left bends along a valley where its derivatives hardly change, so steps go on by the same ones and
+a new picture each (the chord method; Kelley, Iterative Methods for Linear and Nonlinear Equations, section 5.4).
 """
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -31,19 +31,18 @@ from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, fie
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.noise_misfit import NoiseMisfit
 from nets.reconstruct.fibres.bench.noise_place import Place, Ways
+from nets.reconstruct.fibres.bench.noise_slopes import Slopes
 from nets.reconstruct.fibres.bench.run_state import LinesRun
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
 from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL
-from nets.reconstruct.fibres.image.image_fit import WIDTH as LOSS_WIDTH
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.calibration.view_model import difference_ends
 from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_model import STEP
 from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
 from warp_caustics.prints.model import HEIGHT, WIDTH
-from warp_caustics.reconstruct.image_noise import NoiseOfLight
-from warp_caustics.reconstruct.noise_spectrum import Whitening
 from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, simulator_at
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
@@ -51,20 +50,19 @@ from warp_caustics.reconstruct.seen_camera.point_spread import fine_pixels
 from warp_caustics.setup.optical import optical_steps
 from warp_caustics.types import FloatArray
 
-ROBUST = 3.0
-"""Deviations c from which on a pixel counts less."""
 ROUNDS, CONVERGED = 8, 1.0
-"""Steps, and squared deviations that one must gain for another: 1 is 0.2 um along the valley of gap and heights."""
-PARTS = 1.0, 0.5, 0.25, 0.1
-"""Of a step, the first that leaves less."""
+"""Times that derivatives are taken, and squared deviations that steps by them must gain to be taken again: 1 is 0.2 um
+along the valley of gap and heights."""
+CHORDS, CHORD_GAIN = 4, 0.3
+"""Further steps by the same derivatives, and what each must promise, and the one before have gained."""
+PARTS, CHORD_PARTS = (1.0, 0.5, 0.25, 0.1), (1.0, 0.5)
+"""Of a step, the first that leaves less; new derivatives lead further than small parts of a step by old ones."""
 NOISE_ROUNDS = 2
 """In which noise and lens are asked: what is left by lines that are not yet right is in the first one."""
 STEP_M = 1e-4
 """By which a line's number may move in a step at the price of one squared deviation: ends that hide are not told."""
 NOTED = 6
 """Numbers between two times that people are told."""
-MEMORY_SHARE = 0.2
-"""Of a GPU's memory that derivatives may take; more of them lie in the main memory."""
 FINER, MOST_COMPARED_PIXELS = 3, 8192
 """Times as many fine pixels along the image as usual, of pictures that are compared with it; twice as many where that
 would be more than the second number. One time less tells by how much these are off."""
@@ -103,6 +101,20 @@ class Told:
         return self.steps > 0 and self.gained > self.least
 
 
+class Nearer(NamedTuple):
+    """A place that leaves less.
+
+    Attributes:
+        place: where.
+        picture: that it shows, shape [n_w, m, m].
+        gain: by how many squared deviations.
+    """
+
+    place: Place
+    picture: torch.Tensor
+    gain: float
+
+
 class Run(LinesRun, Protocol):
     """Lines of one image so far."""
 
@@ -127,21 +139,12 @@ class NoiseSteps:
         self.run, self.model, self.numbers = run, run.model, run.numbers
         self._pixels, view = self.numbers.scene.image_pixels, run.view
         self._finer = max(2, min(FINER, MOST_COMPARED_PIXELS // fine_pixels(self._pixels)))
-        whole = view.discrepancy.whole
-        if whole.noise is None:
-            raise ValueError("steps by the noise of an image need that noise; tell it")
-        self.device = whole.irradiance.device
-        lit = ShownLight.by(self.numbers, run.bench, self.device)
-        self._measured = whole.irradiance.double() * lit.factor + lit.added
-        self._counts = (whole.weight > 0).double()
-        self._noise_of = NoiseOfLight.of(view.image_with_noise, view.scene, self.device)
-        self._own_lit = lit.factor
+        self.device = view.discrepancy.whole.irradiance.device
+        self._misfit = NoiseMisfit(view, ShownLight.by(self.numbers, run.bench, self.device))
         channels = self.numbers.scene.n_wavelengths
-        self._field = torch.from_numpy(field_modes(channels, self._pixels)).to(self._measured)
+        self._field = torch.from_numpy(field_modes(channels, self._pixels)).to(self._misfit.measured)
         self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
-        self._noise = whole.noise.double() * lit.factor
-        self._white = Whitening.none(self._counts)
         self.told = Told()
 
     def __call__(self) -> Place:
@@ -149,21 +152,18 @@ class NoiseSteps:
         run, shape = self.run, self.model.shape
         here = Place(run.lines, shape, run.bench, run.view.camera)
         try:
+            picture = self._at(here)
             for count in range(ROUNDS):
-                picture = self._at(here)
                 if count < NOISE_ROUNDS:
                     here, picture = self._with_lens(here, picture)
                     self._ask_noise(picture, here.bench)
-                linear = self._linear(here, picture)
+                slopes = self._slopes(here, picture)
+                linear = self._about(here, picture, self._ways(here), slopes)
                 if not count:
                     self.told.asked, self.told.least = self._asked(linear), self._least(here, picture)
                     if self.told.asked <= self.told.least:
                         break
-                there, gain = self._nearer(here, linear, picture)
-                if there is None:
-                    break
-                here = there
-                self.told.gained, self.told.steps = self.told.gained + gain, self.told.steps + 1
+                here, picture, gain = self._nearer_by(here, picture, slopes, linear)
                 if gain < CONVERGED:
                     break
         finally:
@@ -196,24 +196,7 @@ class NoiseSteps:
         return ExactPicture(simulator, camera, finer=finer)
 
     def _ask_noise(self, picture: torch.Tensor, bench: Bench) -> None:
-        """Noise by what is shown, and its spectrum by what is left."""
-        lit = ShownLight.by(self.numbers, bench, self.device)
-        # The image's noise is told as on the even plate of the bench that the run is on.
-        self._noise = self._noise_of((picture - lit.added) / lit.factor) * self._own_lit
-        self._white = Whitening.of((picture - self._measured) / self._noise, self._counts)
-
-    def _deviations(self, rest: torch.Tensor) -> torch.Tensor:
-        return self._white(rest / self._noise)
-
-    def _left(self, picture: torch.Tensor) -> float:
-        """Squared deviations of what is left by a picture, shape [n_w, m, m]."""
-        far = (self._deviations(picture - self._measured) / ROBUST) ** 2
-        return float((self._counts * 2 * ROBUST**2 * ((1 + far).sqrt() - 1)).sum())
-
-    def _misfit(self, picture: torch.Tensor) -> float:
-        """As fits of lines tell it (Charbonnier)."""
-        rest = (picture - self._measured) * self._counts
-        return float(((rest**2 + LOSS_WIDTH**2).sqrt() - LOSS_WIDTH).sum() / self._counts.sum())
+        self._misfit.ask_noise(picture, ShownLight.by(self.numbers, bench, self.device))
 
     def _with_lens(self, here: Place, picture: torch.Tensor) -> tuple[Place, torch.Tensor]:
         """With the lens that lines tell where they are, whose form steps do not change, if that leaves less."""
@@ -224,7 +207,7 @@ class NoiseSteps:
         if there.camera.spread is None or not there.camera.spread.is_plausible:
             return here, picture
         shown = self._at(there)
-        return (there, shown) if self._left(shown) < self._left(picture) else (here, picture)
+        return (there, shown) if self._misfit.left(shown) < self._misfit.left(picture) else (here, picture)
 
     def _believed(self, bench: Bench) -> FloatArray:
         """Deviations of a bench and its light from what was told, shape [K]."""
@@ -236,24 +219,29 @@ class NoiseSteps:
         """Squared deviations by which either of two places may leave less for no reason."""
         self.model.shape = here.shape
         coarser = self.shown(self.model.heights(here.lines), here.bench, here.camera, self._finer - 1)
-        return SURE * 2 * float(self._deviations(coarser - picture).norm())
+        return SURE * 2 * float(self._misfit.deviations(coarser - picture).norm())
 
     def _asked(self, linear: BoundedLeast) -> float:
         """What lines and bench would gain beside light and lens."""
         others = len(linear.at) + len(self.numbers.parameters)  # light and lens come last
         return linear.gain(linear.step()) - linear.gain(linear.step(others))
 
-    def _linear(self, here: Place, picture: torch.Tensor) -> BoundedLeast:
+    def _ways(self, here: Place) -> Ways:
         model = self.model
         model.shape = here.shape
-        heights, by_line = model.with_jacobian(here.lines)
         numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
         at = numbers.of(here.lines, here.shape)
         own = np.full(numbers.size, STEP_M)
         own[6 * len(here.lines) :] = [SHAPE_WIDTHS[place] for place in numbers.of_shape]
         least, most = numbers.ends(at)
-        by_number = numbers.derivatives(here.lines, by_line)
-        return self._about(here, picture, Ways(at, own, least - at, most - at, heights, by_number))
+        return Ways(at, own, least - at, most - at)
+
+    def _slopes(self, here: Place, picture: torch.Tensor) -> Slopes:
+        model = self.model
+        model.shape = here.shape
+        heights, by_line = model.with_jacobian(here.lines)
+        numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
+        return self._slopes_by(here, picture, heights, numbers.derivatives(here.lines, by_line))
 
     def _linear_alike(self, here: Place, picture: torch.Tensor) -> BoundedLeast:
         """As if all lines were higher by the same share, or wider."""
@@ -262,34 +250,52 @@ class NoiseSteps:
         by_line = by_line.reshape(len(here.lines), -1, *heights.shape)
         share = here.lines.to(by_line)
         alike = torch.stack([torch.einsum("l,lij->ij", share[:, k], by_line[:, k]) for k in (HEIGHT, WIDTH)])
-        free = np.full(2, np.inf)
-        return self._about(here, picture, Ways(np.zeros(2), np.ones(2), -free, free, heights, alike))
+        ways = Ways(np.zeros(2), np.ones(2), np.full(2, -np.inf), np.full(2, np.inf))
+        return self._about(here, picture, ways, self._slopes_by(here, picture, heights, alike))
 
-    def _about(self, here: Place, picture: torch.Tensor, ways: Ways) -> BoundedLeast:
+    def _slopes_by(self, here: Place, picture: torch.Tensor, heights: torch.Tensor, by_number: torch.Tensor) -> Slopes:
+        """By ways in which a relief [m] moves, shape [P, n, n], and by bench, light and lens."""
+        misfit = self._misfit.as_of_fits(picture)
+
+        def rows() -> Iterator[torch.Tensor]:
+            for number, change in enumerate(self._by_all(here, heights, by_number, picture)):
+                yield self._misfit.deviations(change)
+                if number % NOTED == 0:
+                    self.run.note(misfit)
+
+        size = len(by_number) + len(self._widths) + lens_numbers.count_of(here.camera)
+        return Slopes.of(rows(), size, self._misfit.weight(self._misfit.rest(picture)))
+
+    def _about(self, here: Place, picture: torch.Tensor, ways: Ways, slopes: Slopes) -> BoundedLeast:
         """The least of what is left, about a place, of ways in which lines move, and of bench, light and lens."""
-        believed, count = self._believed(here.bench), len(ways.at)
-        beside = len(believed) + lens_numbers.count_of(here.camera)
-        size = count + beside
-        jacobian = torch.empty(size, picture.numel(), device=_home(4 * size * picture.numel(), self.device))
-        rest = self._deviations(picture - self._measured)
-        root = (self._counts / (1 + (rest / ROBUST) ** 2).sqrt()).sqrt()
-        rows = self._by_all(here, ways.heights, ways.derivatives, picture)
-        misfit = self._misfit(picture)
-        for number, (row, change) in enumerate(zip(jacobian, rows, strict=True)):
-            row.copy_((self._deviations(change) * root).flatten())
-            if number % NOTED == 0:
-                self.run.note(misfit)
-        information = (jacobian @ jacobian.T).double().cpu().numpy()
-        gradient = (jacobian @ (rest * root).flatten().to(jacobian)).double().cpu().numpy()
-        information += np.diag(np.append(ways.own**-2.0, np.ones(beside)))
+        believed, count, size = self._believed(here.bench), len(ways.at), len(slopes.information)
+        rest = self._misfit.rest(picture)
+        information = slopes.information + np.diag(np.append(ways.own**-2.0, np.ones(size - count)))
+        gradient = slopes.gradient(rest, self._misfit.weight(rest))
         gradient[count : count + len(believed)] += believed
         return BoundedLeast(ways.at, information, gradient, *self._ends(ways, here.bench, size))
 
-    def _nearer(self, here: Place, linear: BoundedLeast, picture: torch.Tensor) -> tuple[Place | None, float]:
-        """A place that leaves less, and by how much; None where there is none."""
+    def _nearer_by(self, here: Place, picture: torch.Tensor, slopes: Slopes, linear: BoundedLeast) -> Nearer:
+        """Where steps by the same derivatives lead, what it shows and leaves less, 0 where there is no such place."""
+        gained = 0.0
+        for count in range(1 + CHORDS):
+            there = self._nearer(here, linear, picture, CHORD_PARTS if count else PARTS)
+            if there is None:
+                break
+            here, picture, gain = there
+            self.told.gained, self.told.steps, gained = self.told.gained + gain, self.told.steps + 1, gained + gain
+            linear = self._about(here, picture, self._ways(here), slopes)
+            if min(gain, linear.gain(linear.step())) < CHORD_GAIN:
+                break
+        return Nearer(here, picture, gained)
+
+    def _nearer(
+        self, here: Place, linear: BoundedLeast, picture: torch.Tensor, parts: tuple[float, ...] = PARTS
+    ) -> Nearer | None:
+        """A place that leaves less by a part of a step; None where there is none."""
         believed, count = self._believed(here.bench), len(linear.at)
-        was, step = self._left(picture) + float(believed @ believed), linear.step()
-        for part in PARTS:
+        was, step = self._misfit.left(picture) + float(believed @ believed), linear.step()
+        for part in parts:
             self.model.shape = here.shape
             numbers = DescentNumbers(self.model, len(here.lines), self.run.moves_section)
             lines = numbers.put(linear.at + part * step[:count])
@@ -299,14 +305,14 @@ class NoiseSteps:
                 continue
             there = Place(lines, self.model.shape, bench, camera)
             try:
-                left = self._left(self._at(there))
+                shown = self._at(there)
             except InputError:
                 continue
             apart = self._believed(bench)
-            gain = was - left - float(apart @ apart)
+            gain = was - self._misfit.left(shown) - float(apart @ apart)
             if gain > 0:
-                return there, gain
-        return None, 0.0
+                return Nearer(there, shown, gain)
+        return None
 
     def _by_all(
         self, here: Place, heights: torch.Tensor, by_number: torch.Tensor, picture: torch.Tensor
@@ -358,11 +364,3 @@ class NoiseSteps:
                 value = bench.values[p.name]
                 lowest[k], highest[k] = (p.low - value) / p.prior, (p.high - value) / p.prior
         return np.minimum(lowest, 0.0), np.maximum(highest, 0.0)
-
-
-def _home(needed: int, device: torch.device) -> torch.device:
-    """Where so many bytes lie: on the device if it has room."""
-    if device.type != "cuda":
-        return device
-    memory = torch.cuda.get_device_properties(device).total_memory
-    return device if needed <= MEMORY_SHARE * memory else torch.device("cpu")
