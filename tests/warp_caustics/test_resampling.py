@@ -11,6 +11,7 @@ from warp_caustics import CausticSimulator, Scene
 from warp_caustics.camera.spline_pixels import filter_matrix, pixel_matrix
 from warp_caustics.resampling import (
     blur_matrix,
+    blurred_rows,
     gaussian_kernel,
     regridded,
     regridding_matrix,
@@ -116,6 +117,15 @@ def test_waves_of_a_mirrored_picture_lose_what_the_transfer_function_says(blur):
     waves = torch.cos(np.pi / pixels * half_periods * (torch.arange(pixels, **double)[:, None] + 0.5))
     expected = waves * torch.exp(-0.5 * (blur * np.pi / pixels * half_periods) ** 2)
     torch.testing.assert_close(blur_matrix(pixels, blur) @ waves, expected, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("pixels", [47, 48])
+@pytest.mark.parametrize("blur", [0.0, 0.2, 0.7, 2.0, 30.0])
+def test_rows_are_blurred_as_by_the_matrix(pixels, blur):
+    rows = torch.from_numpy(np.random.default_rng(0).standard_normal((2, 5, pixels)))
+    found = blurred_rows(rows, blur)
+    torch.testing.assert_close(found, rows @ blur_matrix(pixels, blur), atol=1e-13, rtol=0)
+    torch.testing.assert_close(found.sum(-1), rows.sum(-1), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("blur", [0.2, 0.35, 0.5, 0.7, 1.0])

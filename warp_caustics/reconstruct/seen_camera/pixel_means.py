@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import torch
 
-from warp_caustics.resampling import blur_matrix, resampling_matrix
+from warp_caustics.resampling import blur_matrix, blurred_rows, resampling_matrix
 
 
 class Lay(NamedTuple):
@@ -46,7 +46,8 @@ class Along(NamedTuple):
 PLACED = Lay()
 """A picture that lay where it belongs."""
 AT_HAND = 12
-"""Matrices kept on a device, two for each of six channels: 4 MB each for 512 pixels of 2048, 32 MB for 2048 of 4096."""
+"""Matrices kept on a device, two for each of six channels: 4 MB each for 512 pixels of 2048, 32 MB for 2048 of 4096;
+and as many without lenses, of twice the size."""
 
 
 def pixel_means(
@@ -71,26 +72,29 @@ def pixel_means(
 def _along_as(
     dtype: torch.dtype, device: torch.device, pixels: int, fine: int, lens_px: float, band_px: float, lay: Along
 ) -> torch.Tensor:
-    """:func:`_along` where light is: to bring it there takes as long as three pictures."""
-    return _along(pixels, fine, lens_px, band_px, lay).to(device, dtype)
+    """From fine pixels through a lens to means over pixels, brought back and blurred in their band."""
+    along = blurred_rows(_met(device, pixels, fine, lay), lens_px * (fine // pixels))
+    if lay.is_back and lay.size != 1:
+        along = _resampling(pixels, 0.0, 1 / lay.size - 1).to(device) @ along
+    if lay.is_back and (lay.shift or lay.scale):
+        back = _resampling(pixels, -lay.shift / (1 + lay.scale), 1 / (1 + lay.scale) - 1)
+        along = back.to(device) @ along
+    return (blur_matrix(pixels, band_px).to(device) @ along if band_px else along).to(dtype)
 
 
-@lru_cache(maxsize=16)
-def _along(pixels: int, fine: int, lens_px: float, band_px: float, lay: Along) -> torch.Tensor:
-    """From fine pixels through a lens to means over pixels, brought back and blurred in their band, float64."""
+@lru_cache(maxsize=AT_HAND)
+def _met(device: torch.device, pixels: int, fine: int, lay: Along) -> torch.Tensor:
+    """Means over the pixels that there were of light that no lens blurs, shape [m, k m], float64.
+
+    Kept apart, for it is of k m x k m numbers, and widths of lenses that are tried are many.
+    """
     k = fine // pixels
-    lens = blur_matrix(fine, lens_px * k)
     if lay == PLACED.along(0):
-        along = lens.reshape(pixels, k, fine).mean(1)
+        met = torch.eye(pixels, dtype=torch.float64).repeat_interleave(k, dim=1) / k
     else:
         shift, total = lay.size * lay.shift * k, lay.size / lay.of_light * (1 + lay.scale) - 1
         met = _resampling(fine, shift, total).reshape(pixels, k, fine).mean(1)
-        along = met @ lens if lens_px else met
-        if lay.is_back and lay.size != 1:
-            along = _resampling(pixels, 0.0, 1 / lay.size - 1) @ along
-        if lay.is_back and (lay.shift or lay.scale):
-            along = _resampling(pixels, -lay.shift / (1 + lay.scale), 1 / (1 + lay.scale) - 1) @ along
-    return blur_matrix(pixels, band_px) @ along if band_px else along
+    return met.to(device)
 
 
 def _resampling(pixels: int, shift: float, scale: float) -> torch.Tensor:

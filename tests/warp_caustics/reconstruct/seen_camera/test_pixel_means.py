@@ -16,6 +16,7 @@ from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
 from warp_caustics.reconstruct.seen_camera.pixel_means import Lay, pixel_means
 from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
+from warp_caustics.resampling import blur_matrix
 from warp_caustics.simulator import CausticSimulator
 
 PIXELS = SCENE.image_pixels
@@ -111,3 +112,14 @@ def test_a_camera_whose_channels_lie_where_they_belong_has_no_lays():
     assert camera.lays is None
     apart = dataclasses.replace(camera, shift=np.array([[0.1, 0.2], [0.0, 0.0]]))
     assert apart.lays == [Lay((0.1, 0.2), 0.0, 1.0), Lay()] and apart.of_channel(0).lays == [Lay((0.1, 0.2))]
+
+
+@pytest.mark.parametrize("lay", [Lay(), Lay((0.3, -0.2), 0.001), Lay((0.3, -0.2), 0.001, 1.01, True, 1.01)])
+@pytest.mark.parametrize("lens_px", [0.0, 0.4, 0.9])
+def test_a_lens_before_pixels_is_light_that_was_blurred(lay, lens_px):
+    """By the matrix of all fine pixels, which is not made."""
+    pixels, k = 16, 6
+    light = torch.from_numpy(np.random.default_rng(0).random((k * pixels, k * pixels)))
+    blur = blur_matrix(k * pixels, k * lens_px)
+    expected = pixel_means(blur @ light @ blur, pixels, lay=lay)
+    torch.testing.assert_close(pixel_means(light, pixels, lens_px, lay=lay), expected, atol=1e-13, rtol=0)
