@@ -1,4 +1,4 @@
-"""Where steps by noise begin, and in which ways lines move from there."""
+"""Where steps by noise begin, in which ways lines move from there, and where they come to."""
 
 from typing import NamedTuple
 
@@ -40,3 +40,17 @@ class Ways(NamedTuple):
     own: FloatArray
     lowest: FloatArray
     highest: FloatArray
+
+
+class Nearer(NamedTuple):
+    """A place that leaves less.
+
+    Attributes:
+        place: where.
+        picture: that it shows, shape [n_w, m, m].
+        gain: by how many squared deviations.
+    """
+
+    place: Place
+    picture: torch.Tensor
+    gain: float

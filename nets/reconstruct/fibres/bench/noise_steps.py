@@ -21,7 +21,7 @@ a new picture each (the chord method; Kelley, Iterative Methods for Linear and N
 
 import dataclasses
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -32,7 +32,7 @@ from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
 from nets.reconstruct.fibres.bench.noise_misfit import NoiseMisfit
-from nets.reconstruct.fibres.bench.noise_place import Place, Ways
+from nets.reconstruct.fibres.bench.noise_place import Nearer, Place, Ways
 from nets.reconstruct.fibres.bench.noise_slopes import Slopes
 from nets.reconstruct.fibres.bench.run_state import LinesRun
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
@@ -99,20 +99,6 @@ class Told:
     def is_more(self) -> bool:
         """Whether steps gained more than simulations are wrong by."""
         return self.steps > 0 and self.gained > self.least
-
-
-class Nearer(NamedTuple):
-    """A place that leaves less.
-
-    Attributes:
-        place: where.
-        picture: that it shows, shape [n_w, m, m].
-        gain: by how many squared deviations.
-    """
-
-    place: Place
-    picture: torch.Tensor
-    gain: float
 
 
 class Run(LinesRun, Protocol):

@@ -14,7 +14,7 @@ from nets.reconstruct.fibres.bench.bench_and_light import ShownLight
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
-from nets.reconstruct.fibres.bench.noise_place import Place
+from nets.reconstruct.fibres.bench.noise_place import Nearer, Place
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
@@ -325,7 +325,7 @@ def by_gains(monkeypatch, rounds, promised):
 
     def nearer(self, here, linear, picture, parts):
         gain = now[0].pop(0)
-        return gain and noise_steps.Nearer(here, picture, gain)
+        return gain and Nearer(here, picture, gain)
 
     monkeypatch.setattr(NoiseSteps, "_slopes", slopes)
     monkeypatch.setattr(NoiseSteps, "_about", lambda self, here, picture, ways, slopes: linear)
