@@ -10,7 +10,7 @@ from warp_caustics.prints.line import Section
 DEFAULT_LOOKS = {"cpu": 0, "cuda": 2}
 DEFAULT_STARTS = {"cpu": 0, "cuda": 3}
 DEFAULT_EVOLVES = {"cpu": False, "cuda": True}
-DEFAULT_STEPS = {"cpu": False, "cuda": True}
+DEFAULT_STEPS = {"cpu": True, "cuda": True}
 
 
 class FibresOptions(DirectOptions):
@@ -40,7 +40,8 @@ class FibresOptions(DirectOptions):
     where that takes seconds; a CPU takes half a minute each time."""
     last_steps: bool | None = None
     """Whether lines that leave nothing but noise, and their bench, go where that noise tells clearly more of them.
-    None: on a GPU, where that takes seconds; two cores take ten minutes for five lines, more for many."""
+    None: yes. A GPU takes seconds; two cores two minutes for five lines, more for many, and only where these nearly
+    tell another bench (:data:`nets.reconstruct.fibres.bench.noise_steps.EFFORTS`)."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""

@@ -29,6 +29,13 @@ from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread, fine_pixels
 
 FARTHER = dict(gap_m=1.5e-4, tilt_x_rad=1.5e-3, ambient=0.01)
+OF_CPU = noise_steps.EFFORTS["cpu"]
+
+
+@pytest.fixture(autouse=True)
+def effort_of_a_gpu(monkeypatch):
+    """Wherever tests run, but for those of a CPU's effort."""
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", noise_steps.EFFORTS["cuda"])
 
 
 @pytest.fixture
@@ -308,7 +315,7 @@ def test_steps_go_on_below_what_they_must_gain_in_all(model, monkeypatch):
 )
 def test_steps_by_the_same_derivatives_end_where_they_gain_or_promise_little(model, monkeypatch, gains, promised, used):
     steps = NoiseSteps(left_as_told(model, bench_with()))
-    monkeypatch.setattr(noise_steps, "ROUNDS", 1)
+    steps.effort = steps.effort._replace(rounds=1)
     (rest,) = by_gains(monkeypatch, [list(gains)], promised)
     steps()
     assert steps.told.steps == used and len(rest) == len(gains) - used
@@ -341,8 +348,8 @@ def test_the_same_derivatives_lead_to_where_new_ones_do(model, monkeypatch):
     for chords in (0, 4):
         run = left_as_told(model, true)
         monkeypatch.setattr(noise_steps, "CHORDS", chords)
-        monkeypatch.setattr(noise_steps, "ROUNDS", 1)
         steps = NoiseSteps(run)
+        steps.effort = steps.effort._replace(rounds=1)
         place = steps()
         found[chords] = steps.told, abs(way_of_light(place.bench) / way_of_light(true) - 1)
     assert found[4][0].steps > 1 == found[0][0].steps
@@ -375,9 +382,37 @@ def test_people_are_told_of_the_misfit_of_fits(model):
     assert len(told) > 8 and told[0] == pytest.approx(loss, rel=0.2) and told[-1] <= told[0]
 
 
-def test_a_gpu_takes_them_unless_told():
-    assert [FibresOptions().steps_on(device) for device in ("cpu", "cuda")] == [False, True]
-    assert FibresOptions(last_steps=True).steps_on("cpu") and not FibresOptions(last_steps=False).steps_on("cuda")
+def test_steps_are_made_unless_told():
+    for device in ("cpu", "cuda"):
+        assert FibresOptions().steps_on(device) and not FibresOptions(last_steps=False).steps_on(device)
+
+
+def test_a_cpu_finds_a_bench_that_was_left_as_told(model, monkeypatch):
+    """With ends as they are, whose derivatives are not simulated."""
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU)
+    true = bench_with(**FARTHER)
+    run, kept = left_as_told(model, true), []
+    slopes = NoiseSteps._slopes
+    monkeypatch.setattr(NoiseSteps, "_slopes", lambda self, *at: kept.append(slopes(self, *at)) or kept[-1])
+    lines, shown = run.lines, []
+    picture = NoiseSteps._picture
+    monkeypatch.setattr(NoiseSteps, "_picture", lambda self, *args: shown.append(args) or picture(self, *args))
+    told = fit_by_noise(run)
+    assert told.is_more and error_um(model, run.lines) < 0.7
+    assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=3e-3)
+    assert len(kept) <= OF_CPU.rounds
+    is_still = (kept[0].jacobian[: lines.numel()].abs().amax(1) == 0).reshape(-1, 6)
+    assert is_still[:, :4].all() and not is_still[:, 4:].any()
+    torch.testing.assert_close(run.lines[:, :4], lines[:, :4], atol=1e-9, rtol=0)
+    assert max(finer for *_, finer in (args for args in shown if len(args) == 3)) == OF_CPU.finer
+
+
+def test_a_cpu_looks_for_no_hints(model, monkeypatch):
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU)
+    run = left_as_told(model, bench_with(**FARTHER))
+    run.told_share = (0.005, 0.003)
+    monkeypatch.setattr(NoiseSteps, "_picture", None)
+    assert not is_open(run) and fit_by_noise(run) is None
 
 
 def test_views_are_those_of_resimulations(model):
