@@ -22,7 +22,8 @@ def fit_by_noise(run: Run) -> Told | None:
     if not run.view.is_settled(run.lines):
         return None
     steps, kept, is_kept = NoiseSteps(run), RunState.of(run), False
-    if not (is_open(run) or (steps.effort.looks_for_hints and steps.is_hinted())):
+    is_asked = is_open(run) or (steps.effort.looks_for_hints and steps.is_hinted())
+    if not (steps.is_within_reach and is_asked):
         return None
     try:
         there = steps()

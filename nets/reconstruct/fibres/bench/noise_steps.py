@@ -88,17 +88,20 @@ class Effort(NamedTuple):
         rounds: times that derivatives are taken, at most.
         moves_ends: lines' ends move, too; heights and widths alone are two numbers of six.
         looks_for_hints: benches that lines do not nearly tell are looked at.
+        most_pixels: along an image, of larger ones none are made.
     """
 
     finer: int
     rounds: int
     moves_ends: bool
     looks_for_hints: bool
+    most_pixels: float
 
 
-EFFORTS = {"cuda": Effort(3, 8, True, True), "cpu": Effort(2, 3, False, False)}
+EFFORTS = {"cuda": Effort(3, 8, True, True, np.inf), "cpu": Effort(2, 3, False, False, 512)}
 """By device. Along the valley of gap and heights ends hardly move: five lines on an ordinary bench, 6.8 um off, end 0.8
-either way, in half the pictures."""
+either way, in half the pictures. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and
+derivatives four times the memory: 1 GB for forty lines of 512."""
 
 
 @dataclasses.dataclass
@@ -155,6 +158,11 @@ class NoiseSteps:
         self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
         self.told = Told()
+
+    @property
+    def is_within_reach(self) -> bool:
+        """Whether an image of so many pixels takes this device no longer than people wait."""
+        return self._pixels <= self.effort.most_pixels
 
     def __call__(self) -> Place:
         """Where lines, bench, light and lens leave less, or as they are; the model keeps its section."""

@@ -407,6 +407,13 @@ def test_a_cpu_finds_a_bench_that_was_left_as_told(model, monkeypatch):
     assert max(finer for *_, finer in (args for args in shown if len(args) == 3)) == OF_CPU.finer
 
 
+def test_a_cpu_leaves_large_images_as_they_are(model, monkeypatch):
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU._replace(most_pixels=SCENE.image_pixels - 1))
+    run = left_as_told(model, bench_with(**FARTHER))
+    monkeypatch.setattr(NoiseSteps, "_picture", None)
+    assert is_open(run) and not NoiseSteps(run).is_within_reach and fit_by_noise(run) is None
+
+
 def test_a_cpu_looks_for_no_hints(model, monkeypatch):
     monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU)
     run = left_as_told(model, bench_with(**FARTHER))
