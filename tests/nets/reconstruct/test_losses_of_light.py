@@ -73,6 +73,8 @@ def test_lines_are_found_with_them(monkeypatch, saved, effects):
     assert found.counters.get("losses", {}).get("fresnel", False) == effects.get("fresnel", False)
     assert np.sqrt(np.mean((found.heights_m - truth.numpy()) ** 2)) < 3e-6
     if effects:
-        without = create("fibres", SCENE, weights=weights, losses=False).reconstruct(image)
+        # By noise alone another bench makes up for them.
+        told = create("fibres", SCENE, weights=weights, losses=False, last_steps=False)
+        without = told.reconstruct(image)
         assert "losses" not in without.counters
         assert found.counters["discrepancy"] < 0.99 * without.counters["discrepancy"]
