@@ -214,7 +214,7 @@ class LinesOfImage:
 
     def _fit_by_noise(self) -> None:
         """Lines and bench by what is left of the image, where that is nothing but noise and tells clearly more."""
-        if self.method.options.steps_on(self.method.device.type) and not self.method.takes_bench_as_told:
+        if self.method.options.last_steps and not self.method.takes_bench_as_told:
             try:
                 told = fit_by_noise(self)
             except torch.cuda.OutOfMemoryError:

@@ -10,7 +10,6 @@ from warp_caustics.prints.line import Section
 DEFAULT_LOOKS = {"cpu": 0, "cuda": 2}
 DEFAULT_STARTS = {"cpu": 0, "cuda": 3}
 DEFAULT_EVOLVES = {"cpu": False, "cuda": True}
-DEFAULT_STEPS = {"cpu": True, "cuda": True}
 
 
 class FibresOptions(DirectOptions):
@@ -38,9 +37,9 @@ class FibresOptions(DirectOptions):
     evolves: bool | None = None
     """Whether places that many lines leave wrong have some evolve there, thousands of simulations each. None: on a GPU,
     where that takes seconds; a CPU takes half a minute each time."""
-    last_steps: bool | None = None
+    last_steps: bool = True
     """Whether lines that leave nothing but noise, and their bench, go where that noise tells clearly more of them.
-    None: yes. A GPU takes seconds; two cores two minutes for five lines, more for many, and only where these nearly
+    A GPU takes seconds; two cores two minutes for five lines, more for many, and only where these nearly
     tell another bench (:data:`nets.reconstruct.fibres.bench.noise_steps.EFFORTS`)."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
@@ -69,7 +68,3 @@ class FibresOptions(DirectOptions):
     def evolves_on(self, device_type: str) -> bool:
         """``evolves``, or whether that is so on a device."""
         return DEFAULT_EVOLVES[device_type] if self.evolves is None else self.evolves
-
-    def steps_on(self, device_type: str) -> bool:
-        """``last_steps``, or whether that is so on a device."""
-        return DEFAULT_STEPS[device_type] if self.last_steps is None else self.last_steps

@@ -142,6 +142,10 @@ class NoiseSteps:
     Args:
         run: whose lines, on their bench and through their camera.
 
+    Attributes:
+        effort: of the run's device.
+        told: what the image told so far.
+
     Raises:
         ValueError: the noise of the image is unknown.
     """

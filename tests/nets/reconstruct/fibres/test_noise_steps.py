@@ -29,12 +29,11 @@ from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.point_spread import PointSpread, fine_pixels
 
 FARTHER = dict(gap_m=1.5e-4, tilt_x_rad=1.5e-3, ambient=0.01)
-OF_CPU = noise_steps.EFFORTS["cpu"]
 
 
 @pytest.fixture(autouse=True)
 def effort_of_a_gpu(monkeypatch):
-    """Wherever tests run, but for those of a CPU's effort."""
+    """Wherever tests run; that of a CPU is in test_noise_steps_on_a_cpu.py."""
     monkeypatch.setitem(noise_steps.EFFORTS, "cpu", noise_steps.EFFORTS["cuda"])
 
 
@@ -380,46 +379,6 @@ def test_people_are_told_of_the_misfit_of_fits(model):
     loss = ImageFit(SCENE, run.view.image, model, SCENE.image_pixels).loss(model.heights(run.lines))
     fit_by_noise(run)
     assert len(told) > 8 and told[0] == pytest.approx(loss, rel=0.2) and told[-1] <= told[0]
-
-
-def test_steps_are_made_unless_told():
-    for device in ("cpu", "cuda"):
-        assert FibresOptions().steps_on(device) and not FibresOptions(last_steps=False).steps_on(device)
-
-
-def test_a_cpu_finds_a_bench_that_was_left_as_told(model, monkeypatch):
-    """With ends as they are, whose derivatives are not simulated."""
-    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU)
-    true = bench_with(**FARTHER)
-    run, kept = left_as_told(model, true), []
-    slopes = NoiseSteps._slopes
-    monkeypatch.setattr(NoiseSteps, "_slopes", lambda self, *at: kept.append(slopes(self, *at)) or kept[-1])
-    lines, shown = run.lines, []
-    picture = NoiseSteps._picture
-    monkeypatch.setattr(NoiseSteps, "_picture", lambda self, *args: shown.append(args) or picture(self, *args))
-    told = fit_by_noise(run)
-    assert told.is_more and error_um(model, run.lines) < 0.7
-    assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=3e-3)
-    assert len(kept) <= OF_CPU.rounds
-    is_still = (kept[0].jacobian[: lines.numel()].abs().amax(1) == 0).reshape(-1, 6)
-    assert is_still[:, :4].all() and not is_still[:, 4:].any()
-    torch.testing.assert_close(run.lines[:, :4], lines[:, :4], atol=1e-9, rtol=0)
-    assert max(finer for *_, finer in (args for args in shown if len(args) == 3)) == OF_CPU.finer
-
-
-def test_a_cpu_leaves_large_images_as_they_are(model, monkeypatch):
-    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU._replace(most_pixels=SCENE.image_pixels - 1))
-    run = left_as_told(model, bench_with(**FARTHER))
-    monkeypatch.setattr(NoiseSteps, "_picture", None)
-    assert is_open(run) and not NoiseSteps(run).is_within_reach and fit_by_noise(run) is None
-
-
-def test_a_cpu_looks_for_no_hints(model, monkeypatch):
-    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU)
-    run = left_as_told(model, bench_with(**FARTHER))
-    run.told_share = (0.005, 0.003)
-    monkeypatch.setattr(NoiseSteps, "_picture", None)
-    assert not is_open(run) and fit_by_noise(run) is None
 
 
 def test_views_are_those_of_resimulations(model):
