@@ -40,6 +40,12 @@ class ExtrapolatedCaustic:
         caustic: torch.Tensor = 2 * self._fine(heights_m) - self._coarse(heights_m)
         return caustic
 
+    @torch.no_grad()
+    def change(self, first_m: torch.Tensor, second_m: torch.Tensor) -> torch.Tensor:
+        """Of one relief less that of another, as of :meth:`~warp_caustics.simulator.CausticSimulator.change`."""
+        change: torch.Tensor = 2 * self._fine.change(first_m, second_m) - self._coarse.change(first_m, second_m)
+        return change
+
 
 def with_photons(simulator: CausticSimulator, n_photons: int, image_pixels: int | None = None) -> CausticSimulator:
     """The same plate and kind of footprints, on another lattice, and with as many pixels unless others are given."""

@@ -136,6 +136,30 @@ class CausticSimulator:
             self._check_heights(heights, *extremes.read())
         return image if heights.ndim == 3 else image[0]
 
+    @torch.no_grad()
+    def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+        """Irradiance of one relief less that of another that differs in places; not differentiable.
+
+        A lattice on a CPU traces only light that the change touches: a line that moves a bit, in a quarter of the time.
+
+        Args:
+            first: relief [m], shape [n, n], of the simulator's dtype and device.
+            second: the other one, likewise.
+
+        Returns:
+            Irradiance [W/m^2] of the second less that of the first, shape [n_w, m, m].
+
+        Raises:
+            InputError: as of a call.
+        """
+        if self.engine.rows is None or first.shape != second.shape:
+            difference: torch.Tensor = self(second) - self(first)
+            return difference
+        for each in (first, second):
+            self._shaped(each)
+            self._check_heights(each, *torch.stack(torch.aminmax(each)).tolist())
+        return self.engine.change(first.contiguous(), second.contiguous())
+
     def reseed(self, seed: int, role: str = "") -> None:
         """Take the photon set of another seed; much cheaper than a new simulator.
 

@@ -42,6 +42,13 @@ def test_light_is_kept_and_a_flat_plate_is_even():
     np.testing.assert_allclose(flat.numpy(), 1.0, atol=2e-3)
 
 
+def test_a_change_is_that_of_extrapolated_pictures():
+    first, second = (LineModel(SCENE).heights(LINES * (1 + share)) for share in (0.0, 1e-3))
+    extrapolated = ExtrapolatedCaustic(lattice(8))
+    expected = extrapolated(second) - extrapolated(first)
+    assert float((extrapolated.change(first, second) - expected).norm()) < 2e-3 * float(expected.norm())
+
+
 def test_numbers_stay_as_precise():
     simulator = CausticSimulator(SCENE, "lattice", n_photons=PIXELS, dtype=torch.float64)
     assert ExtrapolatedCaustic(simulator)(torch.zeros(48, 48).double()).dtype == torch.float64

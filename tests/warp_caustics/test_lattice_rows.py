@@ -1,9 +1,10 @@
-"""Rows of lattice photons on a CPU against the kernels that take photon by photon."""
+"""Rows of lattice photons on a CPU against the kernels that take photon by photon, and changes of some of them."""
 
 import pytest
 import torch
 
 from warp_caustics import CausticSimulator, Scene, lattice_rows
+from warp_caustics.errors import InputError
 
 SCENE = Scene(height_samples=20, image_pixels=48, exit_medium="glass")
 FAR = {"screen_position_m": (1e-3, -2e-3, -0.02), "exit_medium": "air"}
@@ -101,3 +102,57 @@ def test_a_relief_does_not_know_its_neighbours(monkeypatch):
 def test_other_photons_go_one_by_one():
     for options in ({"profile": "gaussian"}, {"placement": "stratified"}, {"preset": "paper"}):
         assert CausticSimulator(SCENE, n_photons=900, **options).engine.rows is None
+
+
+def in_a_place(scene: Scene, heights: torch.Tensor) -> torch.Tensor:
+    """The relief with a slanted ridge across a part of it, a bit higher or lower."""
+    x = torch.arange(scene.height_samples, dtype=torch.float64)
+    along, across = x[:, None] + 0.3 * x, x[:, None] - 0.3 * x - 2
+    ridge = torch.exp(-(across**2)) * ((along > 3) & (along < 14))
+    return heights + 2e-6 * ridge.to(heights)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != "out of sight"])
+def test_a_change_in_places_is_the_difference_of_both_images(name):
+    """But for light that moves less than a thousandth of what moves most; and where light meets other relief later."""
+    changes, n_photons = CASES[name]
+    scene = Scene(**{**SCENE.model_dump(), **changes})
+    simulator = CausticSimulator(scene, n_photons=n_photons, dtype=torch.float64)
+    first = relief(scene)[0]
+    second = in_a_place(scene, first)
+    expected, found = simulator(second) - simulator(first), simulator.change(first, second)
+    assert found.shape == expected.shape and float(expected.norm()) > 0
+    assert float((found - expected).norm()) < 2e-3 * float(expected.norm())
+    torch.testing.assert_close(simulator.change(second, first), -found)
+
+
+def test_of_a_change_only_light_that_it_touches_is_traced(monkeypatch):
+    """A part of the rows, and in each block of these a part of the columns."""
+    scene = SCENE.model_copy(update={"height_samples": 64})
+    simulator = CausticSimulator(scene, n_photons=160**2)
+    first, rows, traced = relief(scene, dtype=torch.float32)[0], simulator.engine.rows, []
+    launch = type(rows)._launch
+    monkeypatch.setattr(type(rows), "_launch", lambda self, *args: traced.append(args[2].count) or launch(self, *args))
+    simulator.change(first, in_a_place(scene, first))
+    assert 0 < sum(traced) < 2 * 0.2 * simulator.n_photons
+    traced.clear()
+    assert not simulator.change(first, first).any() and not traced
+
+
+def test_a_change_of_what_cannot_be_simulated_is_refused():
+    simulator, flat = CausticSimulator(SCENE, n_photons=900), torch.zeros(20, 20)
+    for wrong, why in (
+        (torch.full((20, 20), torch.nan), "not finite"),
+        (flat - 1, "cuts through"),
+        (flat[:4], "shape"),
+    ):
+        for pair in ((flat, wrong), (wrong, flat)):
+            with pytest.raises(InputError, match=why):
+                simulator.change(*pair)
+
+
+def test_a_change_of_other_photons_is_the_difference():
+    first = relief(SCENE, dtype=torch.float32)[0]
+    second = in_a_place(SCENE, first)
+    simulator = CausticSimulator(SCENE, "paper", n_photons=3000)
+    assert torch.equal(simulator.change(first, second), simulator(second) - simulator(first))

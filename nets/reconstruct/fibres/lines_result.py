@@ -26,6 +26,7 @@ from nets.reconstruct.fibres.shapes.waves import WavyLines
 from nets.reconstruct.fibres.trust.beliefs import (
     as_stated,
     left_open_by_hint,
+    left_open_by_simulation,
     left_open_by_unclear_bench,
     times_less_known,
 )
@@ -64,6 +65,11 @@ class Run(ImageRun, Protocol):
         """Of the lines, shape [n, n] [m]."""
 
 
+def _is_by_noise(run: Run) -> bool:
+    """Whether lines are as uncertain as steps by noise left them, each pixel by itself."""
+    return run.covariance is not None and run.covariance.is_by_noise
+
+
 def _covariance(run: Run) -> JointCovariance | None:
     """Of lines that are taken: with their bench where that was found with them, else what the image's noise leaves."""
     if not run.takes_lines:
@@ -81,6 +87,8 @@ def _left_open_by_bench(run: Run, heights_m: FloatArray, left: float | None) -> 
     # Who says that the bench is exactly as told is not told otherwise by a hint.
     hinted = run.hinted if run.method.options.bench_uncertainty else 0.0
     unsure = left_open_by_hint(heights_m, scene, hinted)
+    if _is_by_noise(run):
+        unsure = np.hypot(unsure, left_open_by_simulation(heights_m, scene))
     if run.view is not run.told and left is not None and left > CLEAN:
         unsure = np.hypot(
             unsure, left_open_by_unclear_bench(heights_m, numbers.scene, numbers.scene_of(run.bench.values))
@@ -105,7 +113,7 @@ def result_of(run: Run) -> Reconstruction:
     warnings = list(answer.warnings)
     if view is not run.told:
         counters["losses"] = effects_of(view.scene)
-        angle = view.scene.lamp_half_angle_rad
+        angle = run.numbers.scene.lamp_half_angle_rad  # the view's is a lamp's radius where that is nearby
         if angle != run.told.scene.lamp_half_angle_rad:
             counters["losses"] |= {"lamp_half_angle_rad": angle}
             warnings.append(

@@ -42,7 +42,15 @@ class ExactPicture:
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
         """Of a relief [m], shape [n, n]: irradiance [W/m^2], shape [n_w, m, m]."""
-        light = self._light(heights_m)
+        return self._shown(self._light(heights_m))
+
+    @torch.no_grad()
+    def change(self, first_m: torch.Tensor, second_m: torch.Tensor) -> torch.Tensor:
+        """Picture of a relief that differs in places from another one, less that one's: of light that this touches."""
+        return self._shown(self._light.change(first_m, second_m))
+
+    def _shown(self, light: torch.Tensor) -> torch.Tensor:
+        """Light as the camera's pixels see it, which is linear."""
         if self._spread is not None:
             return self._spread(light, self._pixels, self._lays)
         return light if self._blur is None else blurred(light, self._blur)

@@ -44,10 +44,13 @@ class JointCovariance:
     Attributes:
         matrix: of lines [m^2], their shape and what is beside them [widths], shape [6 L + S + K, 6 L + S + K].
         places: of the S numbers of the shape (:mod:`nets.reconstruct.fibres.image.descent_numbers`).
+        is_by_noise: each pixel errs by itself (:mod:`nets.reconstruct.fibres.bench.noise_posterior`), not a hundred
+            together.
     """
 
     matrix: FloatArray
     places: tuple[int, ...] = ()
+    is_by_noise: bool = False
 
 
 def misfit_weight(fit: ImageFit, loss: float, correlated_px: float = CORRELATED_PX) -> float:

@@ -1,8 +1,11 @@
 """What lines and their bench become by steps that nothing but an image's noise holds."""
 
 from nets.reconstruct.fibres.bench.gap_fits import Run, is_open, told_by
+from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
+from nets.reconstruct.fibres.bench.noise_posterior import noise_posterior
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps, Told
 from nets.reconstruct.fibres.bench.run_state import RunState
+from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
 
 
 def fit_by_noise(run: Run) -> Told | None:
@@ -22,8 +25,7 @@ def fit_by_noise(run: Run) -> Told | None:
     if not run.view.is_settled(run.lines):
         return None
     steps, kept, is_kept = NoiseSteps(run), RunState.of(run), False
-    is_asked = is_open(run) or (steps.effort.looks_for_hints and steps.is_hinted())
-    if not (steps.is_within_reach and is_asked):
+    if not (steps.is_within_reach and (is_open(run) or steps.is_hinted())):
         return None
     try:
         there = steps()
@@ -38,5 +40,13 @@ def fit_by_noise(run: Run) -> Told | None:
         if not is_kept:
             kept.put(run)
     if is_kept:
-        run.hinted = 0.0
+        run.hinted, run.covariance = 0.0, _posterior(run, steps)
     return steps.told
+
+
+def _posterior(run: Run, steps: NoiseSteps) -> JointCovariance:
+    """Of lines and bench where steps came to."""
+    assert steps.information is not None
+    places = DescentNumbers(run.model, len(run.lines), run.moves_section).of_shape
+    n_beside = len(run.numbers.parameters) + len(run.bench.field)
+    return noise_posterior(steps.information, run.model.shape, places, len(run.lines), n_beside)

@@ -86,22 +86,17 @@ class Effort(NamedTuple):
         finer: times as many fine pixels along the image as usual, of pictures that are compared with it; one time less
             tells by how much these are off.
         rounds: times that derivatives are taken, at most.
-        moves_ends: lines' ends move, too; heights and widths alone are two numbers of six.
-        looks_for_hints: benches that lines do not nearly tell are looked at.
         most_pixels: along an image, of larger ones none are made.
     """
 
     finer: int
     rounds: int
-    moves_ends: bool
-    looks_for_hints: bool
     most_pixels: float
 
 
-EFFORTS = {"cuda": Effort(3, 8, True, True, np.inf), "cpu": Effort(2, 3, False, False, 512)}
-"""By device. Along the valley of gap and heights ends hardly move: five lines on an ordinary bench, 6.8 um off, end 0.8
-either way, in half the pictures. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and
-derivatives four times the memory: 1 GB for forty lines of 512."""
+EFFORTS = {"cuda": Effort(3, 8, np.inf), "cpu": Effort(2, 3, 512)}
+"""By device. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and derivatives four times
+the memory: 1 GB for forty lines of 512."""
 
 
 @dataclasses.dataclass
@@ -145,6 +140,7 @@ class NoiseSteps:
     Attributes:
         effort: of the run's device.
         told: what the image told so far.
+        information: of all numbers about the last place, beliefs and all, shape [N, N]; None before the first.
 
     Raises:
         ValueError: the noise of the image is unknown.
@@ -162,6 +158,7 @@ class NoiseSteps:
         self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
         self.told = Told()
+        self.information: FloatArray | None = None
 
     @property
     def is_within_reach(self) -> bool:
@@ -262,11 +259,7 @@ class NoiseSteps:
         model.shape = here.shape
         heights, by_line = model.with_jacobian(here.lines)
         numbers = DescentNumbers(model, len(here.lines), self.run.moves_section)
-        by_number = numbers.derivatives(here.lines, by_line)
-        if not self.effort.moves_ends:
-            for place in set(range(6)) - {WIDTH, HEIGHT}:
-                by_number[place : 6 * len(here.lines) : 6] = 0.0
-        return self._slopes_by(here, picture, heights, by_number)
+        return self._slopes_by(here, picture, heights, numbers.derivatives(here.lines, by_line))
 
     def _linear_alike(self, here: Place, picture: torch.Tensor) -> BoundedLeast:
         """As if all lines were higher by the same share, or wider."""
@@ -298,6 +291,7 @@ class NoiseSteps:
         information = slopes.information + np.diag(np.append(ways.own**-2.0, np.ones(size - count)))
         gradient = slopes.gradient(rest, self._misfit.weight(rest))
         gradient[count : count + len(believed)] += believed
+        self.information = information
         return BoundedLeast(ways.at, information, gradient, *self._ends(ways, here.bench, size))
 
     def _nearer_by(self, here: Place, picture: torch.Tensor, slopes: Slopes, linear: BoundedLeast) -> Nearer:
@@ -350,8 +344,8 @@ class NoiseSteps:
                 yield torch.zeros_like(picture)
                 continue
             step = LINE_STEP_M / float(derivative.abs().max().clamp_min(1e-6))
-            low, high = (exact((heights + side * step / 2 * derivative).float()) for side in (-1, 1))
-            yield (high - low).double() * lit.factor / step
+            low, high = ((heights + side * step / 2 * derivative).float() for side in (-1, 1))
+            yield exact.change(low, high).double() * lit.factor / step
         light = torch.tensor(bench.light(self._pixels), device=self.device)
         steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(bench.values), self._pixels))
         for parameter in self.numbers.parameters:

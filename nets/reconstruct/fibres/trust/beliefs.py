@@ -7,7 +7,9 @@ together. What is stated afterwards is another question:
   believed as of a careful user; if what was found of them lies S of their deviations away, all three are S times less
   well known (the Birge ratio, as in :mod:`warp_caustics.found_bench.care`): a gap that is found 58 um wider where 10 um
   are believed may as well be a base.
-- what is not noise errs together, and noise does not.
+- what is not noise errs together, and noise does not. Where steps by noise alone ended
+  (:mod:`~nets.reconstruct.fibres.bench.noise_posterior`) each pixel errs by itself, and what simulations lack comes
+  beside it (:func:`left_open_by_simulation`).
 - a bench on which lines leave more than noise may be none (:func:`left_open_by_unclear_bench`).
 """
 
@@ -31,6 +33,8 @@ from warp_caustics.types import FloatArray
 USUAL_NOISE = 0.02
 """Of a pixel, in units of the radiosity, at which a hundred were seen to err together; what is more is noise."""
 
+SIMULATED_SHARE = 0.003
+"""Of (n - 1) D, by which light goes farther there than on the true bench."""
 UNCLEAR_SHARE = 1 / 3
 """Of the way to a bench that is not clear, that it may be off by. Of thirteen plates on ordinary and poor random
 benches one was off by 1.2 and 3.1 times the way in two runs, the others by 0.02 to 0.5 of it, 0.18 and 0.25 in the
@@ -82,6 +86,18 @@ def left_open_by_hint(heights_m: FloatArray, scene: Scene, hinted: float) -> Flo
     return np.abs(hinted * bench.linear * heights_m / bench.bending(heights_m))
 
 
+def left_open_by_simulation(heights_m: FloatArray, scene: Scene) -> FloatArray:
+    """How far heights are off where steps by noise ended, by what simulations lack of lamp and lens [m], shape [n, n].
+
+    Along the valley of gap and heights, where an image says least.
+
+    Args:
+        heights_m: found, shape [n, n].
+        scene: the bench.
+    """
+    return left_open_by_hint(heights_m, scene, SIMULATED_SHARE)
+
+
 def left_open_by_unclear_bench(heights_m: FloatArray, told: Scene, found: Scene) -> FloatArray:
     """A share of how far heights on the found bench are from those that show the same on the told one [m], [n, n].
 
@@ -130,7 +146,7 @@ def as_stated(
     """
     found = numbers.only(asked)
     n_beside = len(found.parameters) + len(bench.field)
-    share = independent_share(view.noise, view.left(lines) or 1.0)
+    share = 1.0 if covariance.is_by_noise else independent_share(view.noise, view.left(lines) or 1.0)
     return as_believed(covariance, found, stated_widths(numbers, bench), n_beside, share)
 
 

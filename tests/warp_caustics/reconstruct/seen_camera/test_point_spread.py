@@ -242,6 +242,17 @@ def test_an_exact_picture_has_the_spread(heights, fine):
     assert off(ExactPicture(SIMULATOR, plain)(heights), by_kernel(fine, gaussian(0.5))) > 2e-2
 
 
+@pytest.mark.parametrize("lens_px", [0.5, None])
+def test_a_change_is_that_of_exact_pictures(heights, lens_px):
+    """Through a lens, and where none is known."""
+    spread = None if lens_px is None else spread_of(lens_px=lens_px)
+    camera = dataclasses.replace(ChannelCamera.perfect(3, PIXELS), blur=np.full(3, 0.5), spread=spread)
+    picture, other = ExactPicture(SIMULATOR, camera), heights.clone()
+    other[5:12, 10:20] += 1e-6
+    expected = picture(other) - picture(heights)
+    assert float((picture.change(heights, other) - expected).norm()) < 5e-3 * float(expected.norm())
+
+
 def test_a_finer_picture_is_nearer_to_the_finest(heights):
     spread = spread_of(lens_px=0.3)
     camera = dataclasses.replace(ChannelCamera.perfect(3, PIXELS), blur=np.full(3, 0.3), spread=spread)
