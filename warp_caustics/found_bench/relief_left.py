@@ -11,7 +11,9 @@ by
 or light that is not even, which looks the same: a Poisson equation, no slope on the rim, solved in cosines.
 
 Only what is clearly left counts: more than noise leaves of means over ``MEAN_M``, and more than flat frames are wrong
-by. Waves longer than ``LONGEST_M`` are left out: there a thousandth of light is tens of micrometres.
+by. Noise that neighbours share leaves more of such means than white noise: 2 % of speckle, a pixel wide, 3.5 times as
+much, which looked like 2.4 um of relief all over 14 of 15 own plates of an ordinary bench, whose bare plate is 0.001 um
+off. So it is told by what is left of waves that are shorter than those of a relief. Waves longer than ``LONGEST_M`` are left out: there a thousandth of light is tens of micrometres.
 """
 
 import numpy as np
@@ -29,8 +31,17 @@ SIGNIFICANT = 6.0
 """Standard deviations of such means' noise, above which something is left: a whole image of noise has 4.5."""
 LEAST_LIGHT = 3e-3
 """Of a flat plate's light, below which nothing is said: flat frames are as wrong, and what grain leaves of means."""
+SHORTER = 0.5
+"""Of that standard deviation, and as large a one: the difference of both means is of waves three times as long, which
+no relief is looked for in. Of fewer than 500 pixels along a plate these are so fine that neighbours share less of
+their noise: what they tell is too little by up to 1.6 there."""
+NORMAL = 1.4826
+"""Standard deviations of a normal distribution in the median of its absolute values: a drip here and there, or a
+scratch, is not counted as noise."""
 MOSTLY = 0.5
 """Share of such a mean that must be of even light."""
+WHOLE = 0.95
+"""Share of a mean that must be of even light for noise to be told by it."""
 RIM_M, LEAST_RIM_PX = 0.6e-3, 4
 """What is not looked at along the picture's edge, which lies in these pixels where lamp or place are not as told."""
 NEAR = 2.0
@@ -105,11 +116,33 @@ def left_clearly(light: FloatArray, weight: FloatArray, scene: Scene) -> BoolArr
 
     counted = np.maximum(mean(weight), 1e-12)
     # Of the mean of white noise over a Gaussian.
-    sigma = np.sqrt(1 / counted / (4 * np.pi * pixels**2))
+    sigma = np.sqrt(1 / counted / (4 * np.pi * pixels**2)) * noise_shared(light * np.sqrt(weight), weight > 0, pixels)
     is_even = mean(np.where(weight > 0, 1.0, 0.0)) > MOSTLY * mean(np.ones_like(weight))
     clear = (np.abs(mean(light * weight) / counted) > np.maximum(SIGNIFICANT * sigma, LEAST_LIGHT)) & is_even
     near = scipy.ndimage.binary_dilation(clear, iterations=round(NEAR * pixels)) if clear.any() else clear
     return np.asarray(near & (weight > 0))
+
+
+def noise_shared(deviations: FloatArray, counts: BoolArray, pixels: float) -> float:
+    """By how much noise leaves more of means than if each pixel erred by itself; at least 1.
+
+    Args:
+        deviations: in units of each pixel's noise, 0 where none counts, shape [m, m].
+        counts: which do, same shape.
+        pixels: standard deviation of what means are taken over [px].
+    """
+    near, far = SHORTER * pixels, pixels
+
+    def mean(values: FloatArray, over: float) -> FloatArray:
+        return np.asarray(scipy.ndimage.gaussian_filter(values, over, mode="constant"))
+
+    whole = counts & (mean(counts.astype(float), far) > WHOLE)
+    if not whole.any():
+        return 1.0
+    apart = np.abs(mean(deviations, near) - mean(deviations, far))[whole]
+    # Of white noise: the integral of the square of the difference of both Gaussians.
+    white = (1 / near**2 + 1 / far**2 - 4 / (near**2 + far**2)) / (4 * np.pi)
+    return max(1.0, NORMAL * float(np.median(apart)) / float(np.sqrt(white)))
 
 
 def size_of(heights_m: FloatArray) -> FloatArray:

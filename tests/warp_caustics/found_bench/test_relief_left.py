@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy
 import torch
 
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.found_bench.relief_left import LONGEST_M, as_relief, left_clearly, relief_left, size_of
+from warp_caustics.found_bench.relief_left import LONGEST_M, as_relief, left_clearly, noise_shared, relief_left, size_of
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.reconstruct.objective import Measurement
 from warp_caustics.reconstruct.rest import Rest
@@ -65,6 +66,42 @@ def test_noise_is_no_relief():
     # Less than flat frames are wrong by, however little noise there is.
     x, _ = places(M)
     assert not as_relief(2e-3 * np.sin(2 * np.pi * x / 4e-3), even(1e-5), SCENE).any()
+
+
+FINE = SCENE.model_copy(update={"image_pixels": 512})
+
+
+def speckle(seed=0, wide_px=1.0):
+    """As noisy, but neighbours share it; of twice as many pixels."""
+    white = np.random.default_rng(seed).standard_normal((512, 512))
+    grain = scipy.ndimage.gaussian_filter(white, wide_px, mode="wrap") if wide_px else white
+    return NOISE * grain / grain.std()
+
+
+def test_speckle_is_no_relief():
+    """Its means err more than those of white noise; a hill that bends light by more is told beside it, and alone."""
+    weight = np.full((512, 512), NOISE**-2)
+    for seed in range(6):
+        assert not as_relief(speckle(seed), weight, FINE).any()
+    linear, (_, bent) = ThinRelief.of(FINE).linear, bump(512, 100e-6, 1e-3)
+    true, _ = bump(N, 100e-6, 1e-3)
+    found = as_relief(speckle(1) - linear * bent, weight, FINE)
+    assert 0.6 < found.max() / true.max() < 1.1 and np.abs(found).argmax() == np.abs(true).argmax()
+    x, y = places(N)
+    assert np.abs(found[np.hypot(x - 4e-3, y + 6e-3) > 8e-3]).max() < 5e-6
+
+
+@pytest.mark.parametrize("wide_px", [0.0, 1.0])
+def test_noise_is_told_by_waves_shorter_than_a_relief_has(wide_px):
+    """Of neighbours that share it, nearly what it is in longer ones; places where something is count for little."""
+    pixels, alone = 4.0, np.ones((512, 512), bool)
+    alone[:, 100:130] = False
+    rough = speckle(0, wide_px) / NOISE
+    rough[40:50, 20:30] += 3.0
+    expected = scipy.ndimage.gaussian_filter(speckle(9, wide_px) / NOISE, pixels).std() * np.sqrt(4 * np.pi) * pixels
+    found = noise_shared(np.where(alone, rough, 0.0), alone, pixels)
+    assert found == pytest.approx(expected, rel=0.25)
+    assert noise_shared(rough, np.zeros_like(alone), pixels) == 1.0
 
 
 def test_light_that_grows_over_the_plate_is_no_relief():
