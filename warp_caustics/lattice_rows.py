@@ -76,7 +76,8 @@ class LatticeRows:
     def change(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance of the second of two reliefs less that of the first [W/m^2], shape [n_w, m, m].
 
-        Only photons that the change touches are looked at, if all light goes on that meets the relief again.
+        Only photons that the change touches are looked at: of light from elsewhere that meets the relief again no more
+        or less is lost.
 
         Args:
             coefficients: of both [m], shape [2, n + 4, n + 4].
@@ -84,7 +85,7 @@ class LatticeRows:
             optics: as of :meth:`image`.
         """
         channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
-        strips = self._strips if optics.effects.second_hits else self._touched(coefficients)
+        strips = self._touched(coefficients)
         change = _zeros(1, channels, m, m, dtype=self._dtype)
         for one, add in zip(coefficients.split(1), (np.subtract, np.add), strict=True):
             for part, ((first, end),) in self._parts(one, photons_of, optics, strips):

@@ -114,7 +114,7 @@ def in_a_place(scene: Scene, heights: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize("name", [name for name in CASES if name != "out of sight"])
 def test_a_change_in_places_is_the_difference_of_both_images(name):
-    """But for light that moves less than a thousandth of what moves most; and where light meets other relief later."""
+    """But for light that moves less than a thousandth of what moves most; narrow hills on which light is lost, too."""
     changes, n_photons = CASES[name]
     scene = Scene(**{**SCENE.model_dump(), **changes})
     simulator = CausticSimulator(scene, n_photons=n_photons, dtype=torch.float64)
