@@ -140,8 +140,8 @@ class CausticSimulator:
     def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
         """Irradiance of one relief less that of another that differs in places; not differentiable.
 
-        A lattice on a CPU traces only light that the change touches: a line that moves a bit, in a tenth to a quarter of
-        the time.
+        A lattice on a CPU traces only light that the change touches: a tenth to a quarter of the time, of a line that
+        moves a bit.
 
         Args:
             first: relief [m], shape [n, n], of the simulator's dtype and device.

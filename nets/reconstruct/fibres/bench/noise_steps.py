@@ -22,7 +22,7 @@ Iterative Methods for Linear and Nonlinear Equations, section 5.4). A GPU takes 
 
 import dataclasses
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, fie
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.noise_effort import EFFORTS
 from nets.reconstruct.fibres.bench.noise_misfit import NoiseMisfit
 from nets.reconstruct.fibres.bench.noise_place import Nearer, Place, Ways
 from nets.reconstruct.fibres.bench.noise_slopes import Slopes
@@ -77,26 +78,6 @@ HINTED = 0.25
 """Of what steps must gain, that a bench must promise beside lines that move alike for all numbers to be asked. That is
 a quarter to four fifths of what these promise of gaps and bases other by 10 to 30 um; of benches as told it was 0.04 to
 0.15 of what steps must gain, on six own plates."""
-
-
-class Effort(NamedTuple):
-    """What a device can do in seconds, or minutes.
-
-    Attributes:
-        finer: times as many fine pixels along the image as usual, of pictures that are compared with it; one time less
-            tells by how much these are off.
-        rounds: times that derivatives are taken, at most.
-        most_pixels: along an image, of larger ones none are made.
-    """
-
-    finer: int
-    rounds: int
-    most_pixels: float
-
-
-EFFORTS = {"cuda": Effort(3, 8, np.inf), "cpu": Effort(2, 3, 512)}
-"""By device. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and derivatives four times
-the memory: 1 GB for forty lines of 512."""
 
 
 @dataclasses.dataclass
@@ -159,6 +140,7 @@ class NoiseSteps:
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
         self.told = Told()
         self.information: FloatArray | None = None
+        self._lost: torch.Tensor | None = None
 
     @property
     def is_within_reach(self) -> bool:
@@ -170,6 +152,7 @@ class NoiseSteps:
         run, shape = self.run, self.model.shape
         here = Place(run.lines, shape, run.bench, run.view.camera)
         try:
+            self._follow(here)
             picture = self._at(here)
             for count in range(self.effort.rounds):
                 if count < NOISE_ROUNDS:
@@ -194,22 +177,44 @@ class NoiseSteps:
         In two pictures for each number of the bench, and four for the lines, however many there are.
         """
         here = Place(self.run.lines, self.model.shape, self.run.bench, self.run.view.camera)
+        self._follow(here)
         picture = self._at(here)
         self._ask_noise(picture, here.bench)
         alike = self._asked(self._linear_alike(here, picture))
         return alike > HINTED * self._least(here, picture)
 
-    def shown(self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1) -> torch.Tensor:
+    def shown(
+        self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1, *, follows_light: bool = True
+    ) -> torch.Tensor:
         """What a relief [m], shape [n, n], shows on a bench as it would be measured, shape [n_w, m, m]."""
         lit = ShownLight.by(self.numbers, bench, self.device)
-        return self._picture(bench, camera, finer)(heights.float()).double() * lit.factor + lit.added
+        picture = self._picture(bench, camera, finer, follows_light=follows_light)
+        return picture(heights.float()).double() * lit.factor + lit.added
 
     def _at(self, place: Place) -> torch.Tensor:
-        self.model.shape = place.shape
-        return self.shown(self.model.heights(place.lines), place.bench, place.camera, self._finer)
+        return self._compared(place, self._finer)
 
-    def _picture(self, bench: Bench, camera: ChannelCamera, finer: int = 1) -> ExactPicture:
+    def _compared(self, place: Place, finer: int) -> torch.Tensor:
+        """What a place shows, for comparison with the image."""
+        self.model.shape = place.shape
+        heights, follows = self.model.heights(place.lines), self.effort.follows_light
+        shown = self.shown(heights, place.bench, place.camera, finer, follows_light=follows)
+        return shown if self._lost is None else shown + self._lost
+
+    def _follow(self, here: Place) -> None:
+        """What light that meets the relief again makes of pictures that do not follow it: steps hardly move that."""
+        if self.effort.follows_light or self._lost is not None or self.numbers.scene.second_hits != "lost":
+            return
+        self.model.shape = here.shape
+        about = self.model.heights(here.lines), here.bench, here.camera
+        self._lost = self.shown(*about) - self.shown(*about, follows_light=False)
+
+    def _picture(
+        self, bench: Bench, camera: ChannelCamera, finer: int = 1, *, follows_light: bool = True
+    ) -> ExactPicture:
         scene = self.numbers.scene_of(bench.values)
+        if not follows_light:
+            scene = scene.model_copy(update={"second_hits": "ignored"})
         simulator = simulator_at(scene, self._pixels, self.device, FINE_PHOTONS_PER_PIXEL)
         return ExactPicture(simulator, camera, finer=finer)
 
@@ -235,8 +240,7 @@ class NoiseSteps:
 
     def _least(self, here: Place, picture: torch.Tensor) -> float:
         """Squared deviations by which either of two places may leave less for no reason."""
-        self.model.shape = here.shape
-        coarser = self.shown(self.model.heights(here.lines), here.bench, here.camera, self._finer - 1)
+        coarser = self._compared(here, self._finer - 1)
         return SURE * 2 * float(self._misfit.deviations(coarser - picture).norm())
 
     def _asked(self, linear: BoundedLeast) -> float:
@@ -338,7 +342,9 @@ class NoiseSteps:
     ) -> Iterator[torch.Tensor]:
         """Derivatives of what is shown: by the lines' numbers, and by bench, light and lens in their widths."""
         bench, camera = here.bench, here.camera
-        exact, lit = self._picture(bench, camera), ShownLight.by(self.numbers, bench, self.device)
+        follows = self.effort.follows_light
+        exact = self._picture(bench, camera, follows_light=follows)
+        lit = ShownLight.by(self.numbers, bench, self.device)
         for derivative in by_number:
             if not bool(derivative.any()):
                 yield torch.zeros_like(picture)
@@ -356,7 +362,7 @@ class NoiseSteps:
             between = difference_ends(parameter, at, BENCH_STEP * steps[parameter.name])
             values = ({**bench.values, parameter.name: end} for end in between)
             others = (dataclasses.replace(bench, values=each) for each in values)
-            low, high = (self.shown(heights, b, camera) for b in others)
+            low, high = (self.shown(heights, b, camera, follows_light=follows) for b in others)
             yield parameter.prior * (high - low) / (between[1] - between[0])
         for mode in self._field:
             yield FIELD_WIDTH * mode * picture / light
@@ -368,7 +374,8 @@ class NoiseSteps:
             return
         ends = (lens_numbers.widened(here.camera, 1 + side * lens_numbers.LENS_STEP) for side in (-1, 1))
         cameras = lens_numbers.sharpened(here.camera), *ends
-        seen = (self._picture(here.bench, camera)(heights).double() for camera in cameras)
+        follows = self.effort.follows_light
+        seen = (self._picture(here.bench, each, follows_light=follows)(heights).double() for each in cameras)
         for channel, change in lens_numbers.derivatives(*seen):
             row = torch.zeros_like(factor)
             row[channel] = change * factor[channel]

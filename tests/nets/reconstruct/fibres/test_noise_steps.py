@@ -280,8 +280,8 @@ def test_large_differences_fold_back_less(model, monkeypatch, name, share):
 def by_number(steps, place, heights, name, finer):
     """Derivative of what is shown by a number of the bench, on so many times as many fine pixels."""
     fine = SimpleNamespace(**vars(steps))
-    fine.shown = lambda heights, bench, camera: steps.shown(heights, bench, camera, finer)
-    fine._picture = lambda bench, camera: steps._picture(bench, camera, finer)
+    fine.shown = lambda heights, bench, camera, **_: steps.shown(heights, bench, camera, finer)
+    fine._picture = lambda bench, camera, **_: steps._picture(bench, camera, finer)
     rows = NoiseSteps._by_all(fine, place, heights, heights.new_zeros(0, *heights.shape), steps._at(place))
     return next(itertools.islice(rows, NUMBERS.names.index(name), None))
 

@@ -1,14 +1,18 @@
 """Steps by an image's noise with what a CPU does of them."""
 
+import dataclasses
+
 import pytest
+import torch
 
 from nets.reconstruct.fibres.bench import noise_steps
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
+from nets.reconstruct.fibres.bench.noise_place import Place
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
-from tests.nets.reconstruct.fibres.test_bench_fits import bench_with
+from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with
 from tests.nets.reconstruct.fibres.test_noise_steps import FARTHER, left_as_told, way_of_light
-from tests.nets.reconstruct.fibres.three_lines import SCENE, error_um
+from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
 from warp_caustics.prints.model import LineModel
 
 OF_CPU = noise_steps.EFFORTS["cpu"]
@@ -26,12 +30,17 @@ def test_a_cpu_finds_a_bench_that_was_left_as_told(model, monkeypatch):
     slopes = NoiseSteps._slopes
     monkeypatch.setattr(NoiseSteps, "_slopes", lambda self, *at: kept.append(slopes(self, *at)) or kept[-1])
     shown, picture = [], NoiseSteps._picture
-    monkeypatch.setattr(NoiseSteps, "_picture", lambda self, *args: shown.append(args) or picture(self, *args))
+
+    def seen(self, bench, camera, finer=1, **options):
+        shown.append(finer)
+        return picture(self, bench, camera, finer, **options)
+
+    monkeypatch.setattr(NoiseSteps, "_picture", seen)
     told = fit_by_noise(run)
     assert told.is_more and error_um(model, run.lines) < 0.7
     assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=3e-3)
     assert len(kept) <= OF_CPU.rounds
-    assert max(finer for *_, finer in (args for args in shown if len(args) == 3)) == OF_CPU.finer
+    assert max(shown) == OF_CPU.finer
 
 
 def test_a_cpu_leaves_large_images_as_they_are(model, monkeypatch):
@@ -39,3 +48,46 @@ def test_a_cpu_leaves_large_images_as_they_are(model, monkeypatch):
     run = left_as_told(model, bench_with(**FARTHER))
     monkeypatch.setattr(NoiseSteps, "_picture", None)
     assert is_open(run) and not NoiseSteps(run).is_within_reach and fit_by_noise(run) is None
+
+
+def test_light_that_is_lost_is_followed_once(model, monkeypatch):
+    """What it takes from the first picture is taken from all; lines on a plate as large as this lose none."""
+    run = left_as_told(model, bench_with())
+    run.numbers = dataclasses.replace(NUMBERS, scene=SCENE.model_copy(update={"second_hits": "lost"}))
+    steps, plain = NoiseSteps(run), NoiseSteps.shown
+    here = Place(LINES, model.shape, run.bench, run.view.camera)
+    there = here._replace(lines=1.002 * here.lines)
+    lost, followed = 0.01 * torch.rand(3, 128, 128, generator=torch.Generator().manual_seed(0)).double(), []
+
+    def shown(self, *args, follows_light=True):
+        followed.append(follows_light)
+        return plain(self, *args) - follows_light * lost
+
+    monkeypatch.setattr(NoiseSteps, "shown", shown)
+    for _ in range(2):
+        steps._follow(here)
+    assert followed == [True, False]
+    for place in (here, there):
+        expected = plain(steps, model.heights(place.lines), place.bench, place.camera, OF_CPU.finer) - lost
+        torch.testing.assert_close(steps._at(place), expected)
+    assert followed == [True, False, False, False]
+
+
+def test_pictures_that_do_not_follow_light_lose_none(model):
+    run = left_as_told(model, bench_with())
+    run.numbers = dataclasses.replace(NUMBERS, scene=SCENE.model_copy(update={"second_hits": "lost"}))
+    steps, about = NoiseSteps(run), (run.bench, run.view.camera)
+    scenes = [steps._picture(*about, follows_light=each)._light._fine.scene for each in (True, False)]
+    assert [scene.second_hits for scene in scenes] == ["lost", "ignored"]
+
+
+def test_a_gpu_follows_it_always(model, monkeypatch):
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", noise_steps.EFFORTS["cuda"])
+    run = left_as_told(model, bench_with())
+    run.numbers = dataclasses.replace(NUMBERS, scene=SCENE.model_copy(update={"second_hits": "lost"}))
+    steps = NoiseSteps(run)
+    here = Place(run.lines, model.shape, run.bench, run.view.camera)
+    steps._follow(here)
+    assert steps._lost is None
+    shown = steps.shown(model.heights(run.lines), run.bench, run.view.camera, steps._finer)
+    torch.testing.assert_close(steps._at(here), shown)
