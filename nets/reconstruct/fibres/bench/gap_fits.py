@@ -22,7 +22,7 @@ from nets.reconstruct.fibres.bench.less_believed import (
     number_of_glass,
 )
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, JointCovariance
-from nets.reconstruct.fibres.bench.run_state import kept_if_less
+from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -73,10 +73,18 @@ def deviations_asked(run: Run, usual: float) -> float:
         run: lines so far.
         usual: deviations.
     """
+    return usual + pulled_aside(run)
+
+
+def pulled_aside(run: LinesRun) -> float:
+    """Standard deviations by which a picture of another size, as it is simulated, pulls gap, base and index aside.
+
+    0 where none is, or lines leave more than noise.
+    """
     if not (run.numbers.is_picture and run.view.is_explained(run.lines)):
-        return usual
+        return 0.0
     wrong = UNLIKE * math.exp(-UNLIKE_BLURRED * float(run.view.camera.blur.min()))
-    return usual + PULL * wrong / (run.view.noise * max(1.0, run.view.left(run.lines) or 1.0))
+    return PULL * wrong / (run.view.noise * max(1.0, run.view.left(run.lines) or 1.0))
 
 
 def least_gain(run: Run, squares: float) -> float:

@@ -31,7 +31,8 @@ from nets.reconstruct.fibres.bench import lens_numbers
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, field_modes
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
-from nets.reconstruct.fibres.bench.line_posterior import SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.gap_fits import pulled_aside
+from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, SHAPE_WIDTHS
 from nets.reconstruct.fibres.bench.noise_effort import EFFORTS
 from nets.reconstruct.fibres.bench.noise_misfit import NoiseMisfit
 from nets.reconstruct.fibres.bench.noise_place import Nearer, Place, Ways
@@ -241,7 +242,8 @@ class NoiseSteps:
     def _least(self, here: Place, picture: torch.Tensor) -> float:
         """Squared deviations by which either of two places may leave less for no reason."""
         coarser = self._compared(here, self._finer - 1)
-        return SURE * 2 * float(self._misfit.deviations(coarser - picture).norm())
+        of_size = CORRELATED_PX * pulled_aside(self.run) ** 2
+        return SURE * 2 * float(self._misfit.deviations(coarser - picture).norm()) + of_size
 
     def _asked(self, linear: BoundedLeast) -> float:
         """What lines and bench would gain beside light and lens."""

@@ -1,4 +1,4 @@
-"""Steps by an image's noise with what a CPU does of them."""
+"""Steps by an image's noise with what a CPU does of them, and what they must gain of a picture of another size."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres.bench import noise_steps
-from nets.reconstruct.fibres.bench.gap_fits import is_open
+from nets.reconstruct.fibres.bench.gap_fits import deviations_asked, is_open, pulled_aside
 from nets.reconstruct.fibres.bench.noise_fits import fit_by_noise
 from nets.reconstruct.fibres.bench.noise_place import Place
 from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
@@ -91,3 +91,15 @@ def test_a_gpu_follows_it_always(model, monkeypatch):
     assert steps._lost is None
     shown = steps.shown(model.heights(run.lines), run.bench, run.view.camera, steps._finer)
     torch.testing.assert_close(steps._at(here), shown)
+
+
+def test_what_a_picture_of_another_size_is_simulated_wrong_by_is_none_either(model):
+    """It pulls gap and heights along their valley: three lines 0.8 um off went to 5.0 so."""
+    run = left_as_told(model, bench_with(**FARTHER))
+    steps, here = NoiseSteps(run), Place(run.lines, model.shape, run.bench, run.view.camera)
+    picture = steps._at(here)
+    usual = steps._least(here, picture)
+    run.numbers = dataclasses.replace(run.numbers, is_picture=True)
+    pulled = pulled_aside(run)
+    assert steps._least(here, picture) == pytest.approx(usual + 100 * pulled**2) and pulled > 2
+    assert deviations_asked(run, 4.0) == 4.0 + pulled
