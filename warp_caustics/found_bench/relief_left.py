@@ -12,9 +12,9 @@ or light that is not even, which looks the same: a Poisson equation, no slope on
 
 Only what is clearly left counts: more than noise leaves of means over ``MEAN_M``, and more than flat frames are wrong
 by. Noise that neighbours share leaves more of such means than white noise: 2 % of speckle, a pixel wide, 3.5 times as
-much, which looked like 2.4 um of relief all over 14 of 15 own plates of an ordinary bench, whose bare plate is 0.001 um
-off. So it is told by what is left of waves that are shorter than those of a relief. Waves longer than ``LONGEST_M`` are
-left out: there a thousandth of light is tens of micrometres.
+much, which looked like 2 um of relief all over 12 of 15 own plates of an ordinary bench, whose bare plate is 0.005 um
+off at most. So it is told by what is left of waves that are shorter than those of a relief. Waves longer than
+``LONGEST_M`` are left out: there a thousandth of light is tens of micrometres.
 """
 
 import numpy as np

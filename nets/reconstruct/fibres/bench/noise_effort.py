@@ -25,4 +25,4 @@ class Effort(NamedTuple):
 
 EFFORTS = {"cuda": Effort(3, 8, True, np.inf), "cpu": Effort(2, 3, False, 512)}
 """By device. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and derivatives four times
-the memory: 1 GB for forty lines of 512. To follow light takes five times as long, and at most 1 % of it is lost."""
+the memory: 1 GB for forty lines of 512. To follow light takes six times as long, and hardly 1 % of it is lost."""

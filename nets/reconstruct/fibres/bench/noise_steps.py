@@ -17,7 +17,7 @@ image as others; those on two times as many tell how much they are off by, and t
 Cost: two pictures for each number of lines, section and bench, up to eight times. What is left bends along a valley
 where its derivatives hardly change, so steps go on by the same ones and a new picture each (the chord method; Kelley,
 Iterative Methods for Linear and Nonlinear Equations, section 5.4). A GPU takes 0.5 to 5 s for the derivatives of 5 to
-28 lines; two cores, where lines keep their ends, half a minute for five.
+28 lines; two cores half a minute for five, of which they trace no light but that a line's change touches.
 """
 
 import dataclasses
