@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench, seen_on
-from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench
+from nets.reconstruct.fibres.bench.bench_fits import fit_with_bench, fit_with_place
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_blurring_lens,
@@ -182,6 +182,8 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
+        if self._is_near() and not (self._asks_bench() or self.method.takes_bench_as_told):
+            fit_with_place(self)
         if self.method.takes_bench_as_told:
             fit_through_lens(self)
         else:

@@ -16,10 +16,10 @@ class FibresOptions(DirectOptions):
     """Settings of ``fibres``; those of ``direct`` are for the network and for plates that are no lines.
 
     A bench is looked for with lines (``set_up``) where these do not tell the image on a GPU, on a CPU if asked: of many
-    lines it takes minutes there. Where the image looks as of another bench a CPU has ``direct`` find it, a GPU where
-    the picture looks of another size; lines are looked for there then, and last for both together. How far light goes
-    is asked of lines on both wherever they nearly explain the image. Where lines do not tell the image ``direct`` looks
-    for a bench on both.
+    lines it takes minutes there; what moves a picture, and stray light, are asked on both. Where the image looks as of
+    another bench a CPU has ``direct`` find it, a GPU where the picture looks of another size; lines are looked for
+    there then, and last for both together. How far light goes is asked of lines on both wherever they nearly explain
+    the image. Where lines do not tell the image ``direct`` looks for a bench on both.
     """
 
     profile: Section | Literal["found"] = "found"

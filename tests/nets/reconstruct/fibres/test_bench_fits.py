@@ -15,6 +15,7 @@ from nets.reconstruct.fibres.bench.bench_fits import (
     differing,
     fit_with_bench,
     fit_with_other_place,
+    fit_with_place,
     in_turn,
 )
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
@@ -106,6 +107,27 @@ def test_a_picture_that_lies_aside_is_no_other_bench(model):
     lines, bench = run.together()(LINES + 2e-5, Bench.told(NUMBERS))
     assert error_um(model, lines) > 1.5 * error_um(model, run.lines)
     assert bench.values["gap_m"] != NUMBERS.before["gap_m"]
+
+
+def test_a_picture_that_lies_aside_is_found_by_what_moves_it(model):
+    """Beside lines that have gone with it; lines that leave nothing but noise are not asked again."""
+    run = run_with(model, photographed(model, bench_with(screen_x_m=1.5e-4)), LINES + 2e-5)
+    fit_with_place(run)
+    assert run.view.is_settled(run.lines) and error_um(model, run.lines) < 0.4
+    assert run.bench.values["screen_x_m"] == pytest.approx(1.5e-4, abs=2e-6)
+    assert set(run.asked) == set(in_turn(NUMBERS.names)[0])
+    bench = run.bench
+    fit_with_place(run)
+    assert run.bench is bench
+
+
+def test_a_picture_behind_another_gap_is_not_asked_for_its_place(model):
+    run = run_with(model, photographed(model, bench_with(gap_m=1e-3)), LINES)
+    lines = run.lines = run.together().on(LINES, run.bench)[0]
+    bench = run.bench
+    assert not run.view.is_settled(lines)
+    fit_with_place(run)
+    assert run.lines is lines and run.bench is bench
 
 
 @pytest.mark.parametrize("is_better", [True, False])
