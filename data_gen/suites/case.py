@@ -19,7 +19,8 @@ SHARP_PHOTONS = PhotonConfig(n_photons=144_000_000)
 """Of cases with a sensor, whose noise is the camera's own: a lattice of 550 paths per pixel, of which methods use 4.
 
 With 9 million the picture of fifteen lines was off by 57 standard deviations of its noise, all pixels together, which
-takes heights 0.7 um along what one photo hardly tells of a bench. That falls as the paths grow in number: 4 here.
+takes heights 0.7 um along what one photo hardly tells of a bench; with 36 million by 14. That falls as the paths grow
+in number, to about 4 here.
 """
 
 

@@ -182,11 +182,11 @@ class LinesOfImage:
 
     def _fit_with_all(self) -> None:
         """Lines with whatever else they may tell."""
-        if self._is_near() and not (self._asks_bench() or self.method.takes_bench_as_told):
-            fit_with_place(self)
         if self.method.takes_bench_as_told:
             fit_through_lens(self)
         else:
+            if not self._asks_bench() and self._is_near():
+                fit_with_place(self)
             fit_through_lens_or_with_light(self)
             if self._is_near():
                 fit_with_lamp(self)

@@ -191,9 +191,9 @@ def test_a_bench_that_only_looks_other_costs_no_lines(monkeypatch, model, image,
     assert len(asked) == 2 and bump.counters["explained_by"] == "network"
 
 
-@pytest.mark.parametrize("set_up", ["known", "estimate"])
-def test_light_and_lamp_of_a_bench_that_is_known_are_not_asked(monkeypatch, model, image, answering, set_up):
-    """Nor is light where a lens may have taken its place; the lens, which is the camera's, is."""
+@pytest.mark.parametrize("set_up", ["known", "estimate", None])
+def test_what_is_asked_of_a_bench(monkeypatch, model, image, answering, set_up):
+    """Of one that is known only the lens, which is the camera's; on a CPU what moves a picture, before the lens."""
     asked, asks_lens = [], lines_of_image.fit_through_lens
 
     def lens(run):
@@ -201,13 +201,15 @@ def test_light_and_lamp_of_a_bench_that_is_known_are_not_asked(monkeypatch, mode
         asks_lens(run)
 
     monkeypatch.setattr(lines_of_image, "fit_through_lens", lens)
-    for name in ("fit_through_lens_or_with_light", "fit_with_lamp", "fit_with_light", "fit_with_gap"):
+    on_any = {"fit_through_lens_or_with_light", "fit_with_lamp", "fit_with_light", "fit_with_gap"}
+    for name in (*on_any, "fit_with_place", "fit_with_bench"):
         monkeypatch.setattr(lines_of_image, name, lambda run, name=name: asked.append(name))
     truth = model.heights(LINES).double().numpy()
     wrong = truth + 1e-5 * np.random.default_rng(1).standard_normal(truth.shape)
     answering(wrong, refine=False, jumps=0, set_up=set_up).reconstruct(image)
-    on_any = {"fit_through_lens_or_with_light", "fit_with_lamp", "fit_with_light", "fit_with_gap"}
-    assert set(asked) == ({"fit_through_lens"} if set_up == "known" else on_any)
+    others = {"estimate": "fit_with_bench", None: "fit_with_place"}
+    assert set(asked) == ({"fit_through_lens"} if set_up == "known" else {*on_any, others[set_up]})
+    assert set_up is not None or asked[0] == "fit_with_place"
 
 
 @pytest.mark.parametrize("waves", [False, True])
