@@ -290,13 +290,6 @@ class Engine:
             return self._lattices[chunk]  # rows look for lost paths themselves
         return self.told(coefficients, self._lattices[chunk], is_lattice=True)
 
-    def _photons_of_part(self, chunk: Chunk, coefficients: torch.Tensor) -> Any:
-        """The same of some columns of a lattice's rows, which are not kept: changes come to others each time."""
-        rows = Chunk(chunk.first_row * self.plan.columns, chunk.rows * self.plan.columns, chunk.first_row, chunk.rows)
-        if rows not in self._axes:
-            self._axes[rows] = self.plan.axes(rows, self.dtype, self.device)
-        return self.optics.photons(self._axes[rows], chunk.count, chunk.count // chunk.rows)
-
     def _new_positions(self, chunk: Chunk) -> torch.Tensor:
         positions = self.plan.positions(chunk, self.dtype, self.device)
         if self.plan.is_grid or self.plan.count > MAX_KEPT_PHOTONS:
@@ -336,11 +329,12 @@ class Engine:
             name, call, inputs = "asked image", lambda: self._asked_image(batch, extremes), ()
         return self._replays((name, batch), call, *inputs) if self._is_small(heights) else call(*inputs)
 
-    def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """Image of the second of two reliefs [n, n] [m] less that of the first, shape [n_w, m, m] [W/m^2]."""
-        if self.rows is None:
-            return (self.image(second[None]) - self.image(first[None]))[0]
-        return self.rows.change(self.coefficients(torch.stack([first, second])), self._photons_of_part, self.optics)
+    def change(self, first: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+        """Images of reliefs [B, n, n] [m] less that of the first one, [n, n], shape [B, n_w, m, m] [W/m^2]."""
+        if self.rows is None or self.optics.effects.many_benches:
+            return self.image(others) - self.image(first[None])
+        coefficients, changes = self.coefficients(first[None])[0], self.coefficients(others - first)
+        return self.rows.change(coefficients, changes, self.fused_photons, self.optics)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:
         """Gradient [B, n, n] with respect to the heights from that with respect to the image [B, n_w, m, m]."""

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warp_caustics.chunked import MIN_CHUNK_PHOTONS, on_all_cores, warp_array
-from warp_caustics.height_field import PREFILTER_REACH, sample_coordinate
+from warp_caustics.height_field import sample_coordinate
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.row_refraction import PLANES
 from warp_caustics.kernels.row_surface import CELL_PLANES
@@ -18,17 +18,13 @@ from warp_caustics.kernels.vectors import LANES
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan
 from warp_caustics.relief_bounds import bounds_of
+from warp_caustics.spline_stage import REACH
 
 PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
-"""Struct ``Photons`` of a chunk, over reliefs with these coefficients; of as many columns as its rows have photons."""
-
+"""Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
 
 STRIPS = 16
 """Strips of rows that a lattice is cut into, whatever the number of cores: more would use more of them."""
-
-BLOCKS = 4
-"""Blocks of rows in a strip, each with columns of its own where a relief changes in places: a slanted line comes to
-others in each."""
 
 TOUCHED = 1e-3
 """Of the largest change of a spline's coefficients, below which photons are taken to stay where they are: coefficients
@@ -38,25 +34,16 @@ BATCH_BYTES = 64 * 2**20
 """Images of at most so much memory are summed at a time; every strip touches a part of its own copy."""
 
 
-class _Columns(NamedTuple):
-    """Columns of a lattice that stand side by side.
+class _Part(NamedTuple):
+    """What a strip adds to images.
 
     Attributes:
-        padded: with those that are read beyond the last one: blocks of photons are read and written whole.
-        across: place in its cell, and x [m], of each, shape [2, padded].
-        first_photon: of each cell, shape [n + 2].
+        image: shape [B, n_w, m, m]; rows that hold nothing may hold anything.
+        rows: of pixels between which each image's holds anything.
     """
 
-    padded: int
-    across: torch.Tensor
-    first_photon: torch.Tensor
-
-
-class _Block(NamedTuple):
-    """Photons of some rows and columns."""
-
-    chunk: Chunk
-    columns: _Columns
+    image: NDArray[Any]
+    rows: list[list[int]]
 
 
 class LatticeRows:
@@ -67,31 +54,51 @@ class LatticeRows:
         self._plan, self._dtype, self._kind = plan, dtype, dtype_of(torch.finfo(dtype).bits)
         u = sample_coordinate(plan.grid_x, n, plan.scene.plate_size_m[0])
         cell = np.clip(np.floor(u).astype(int), -1, n - 1)
-        self._across, self._first = np.stack([u - cell, plan.grid_x]), np.searchsorted(cell, np.arange(-1, n + 1))
+        # Blocks of photons are read and written whole: so many more are read beyond the last one.
+        self._padded = -(-plan.columns // LANES) * LANES + LANES
+        across = np.zeros((2, self._padded))
+        across[:, : plan.columns] = np.stack([u - cell, plan.grid_x])
+        self._across = torch.from_numpy(across).to(dtype)
+        """Place in its cell, and x [m], of each column."""
+        self._first = torch.from_numpy(np.searchsorted(cell, np.arange(-1, n + 1)).astype(np.int32))
+        """First photon of each cell, shape [n + 2]."""
         rows = max(-(-plan.rows // STRIPS), -(-MIN_CHUNK_PHOTONS // plan.columns))
-        whole = self._columns(0, plan.columns)
-        self._strips = [[_Block(strip, whole)] for strip in plan.chunks(rows * plan.columns)]
-        self._taps = [_taps_of(strip.chunk, plan) for (strip,) in self._strips]
+        self._strips = list(plan.chunks(rows * plan.columns))
+        self._taps = [_taps_of(strip, plan) for strip in self._strips]
 
-    def change(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
-        """Irradiance of the second of two reliefs less that of the first [W/m^2], shape [n_w, m, m].
+    def change(
+        self, coefficients: torch.Tensor, changes: torch.Tensor, photons_of: PhotonsOf, optics: Optics
+    ) -> torch.Tensor:
+        """Irradiance of reliefs less that of another one [W/m^2], shape [B, n_w, m, m].
 
-        Only photons that the change touches are looked at: of light from elsewhere that meets the relief again no more
-        or less is lost.
+        Only photons that a change touches are looked at, of each row those from the first to the last: of light from
+        elsewhere that meets the relief again no more or less is lost.
 
         Args:
-            coefficients: of both [m], shape [2, n + 4, n + 4].
-            photons_of: struct ``Photons`` of a chunk over one relief, by the lattice's axes.
-            optics: as of :meth:`image`.
+            coefficients: of that one [m], shape [n + 4, n + 4].
+            changes: of what the others are higher [m], shape [B, n + 4, n + 4].
+            photons_of: struct ``Photons`` of a chunk, by the lattice's axes.
+            optics: as of :meth:`image`; of one bench.
         """
-        channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
-        strips = self._touched(coefficients)
-        change = _zeros(1, channels, m, m, dtype=self._dtype)
-        for one, add in zip(coefficients.split(1), (np.subtract, np.add), strict=True):
-            for part, ((first, end),) in self._parts(one, photons_of, optics, strips):
-                rows = change[:, :, first:end].numpy()
-                add(rows, part[:, :, first:end], out=rows)
-        return change[0]
+        first, touched = coefficients[None], _touched(changes.numpy())
+        kernel = row_kernels(self._kind, optics.effects).splat_changes
+
+        def change(begin: int, end: int) -> Iterator[_Part]:
+            both, places = torch.cat([first, first + changes[begin:end]]), touched[begin:end]
+            bounds, columns = _bounds(both, optics), warp_array(torch.from_numpy(places))
+            strips = [
+                strip
+                for strip, taps in zip(self._strips, self._taps, strict=True)
+                if (places[:, taps, 0] < places[:, taps, 1]).any()
+            ]
+
+            def add(strip: Chunk, outputs: list[Any]) -> None:
+                inputs = [columns, photons_of(strip, both), warp_array(bounds)]
+                self._launch(kernel, both, end - begin, strip, inputs, outputs)
+
+            return self._parts(strips, end - begin, optics, add)
+
+        return self._sums(len(changes), optics, change)
 
     def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m].
@@ -101,40 +108,52 @@ class LatticeRows:
             photons_of: struct ``Photons`` of a chunk over some of the reliefs, by the lattice's axes.
             optics: what else ``photons_of`` tells.
         """
+        kernel = row_kernels(self._kind, optics.effects).splat_rows
+
+        def image(begin: int, end: int) -> Iterator[_Part]:
+            some = coefficients[begin:end]
+            bounds = _bounds(some, optics)
+
+            def add(strip: Chunk, outputs: list[Any]) -> None:
+                inputs = [photons_of(strip, some), warp_array(bounds)]
+                self._launch(kernel, some, len(some), strip, inputs, outputs)
+
+            return self._parts(self._strips, len(some), optics, add)
+
+        return self._sums(len(coefficients), optics, image)
+
+    def _sums(self, count: int, optics: Optics, parts_of: Callable[[int, int], Iterator[_Part]]) -> torch.Tensor:
+        """Images, shape [count, n_w, m, m], from parts of those from one number to before another."""
         channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
-        at_once = max(1, BATCH_BYTES // (channels * m * m * coefficients.itemsize))
-        groups = [coefficients] if optics.effects.many_benches else coefficients.split(at_once)
-        image = _zeros(len(coefficients), channels, m, m, dtype=self._dtype)
-        done = 0
-        for group in groups:
-            total = image[done : done + len(group)].numpy()
-            for part, rows in self._parts(group, photons_of, optics, self._strips):
+        image = _zeros(count, channels, m, m, dtype=self._dtype)
+        at_once = max(1, BATCH_BYTES // (channels * m * m * image.itemsize))
+        if optics.effects.many_benches:
+            at_once = max(1, count)
+        for begin in range(0, count, at_once):
+            total = image[begin : begin + at_once].numpy()
+            for part, rows in parts_of(begin, min(begin + at_once, count)):
                 for one, addend, (first, end) in zip(total, part, rows, strict=True):
-                    one[:, first:end] += addend[:, first:end]
-            done += len(group)
+                    if first < end:
+                        one[:, first:end] += addend[:, first:end]
         return image
 
     def _parts(
-        self, group: torch.Tensor, photons_of: PhotonsOf, optics: Optics, strips: Sequence[Sequence[_Block]]
-    ) -> Iterator[tuple[NDArray[Any], list[list[int]]]]:
-        """Image of each strip, shape [B, n_w, m, m], and between which rows each relief's holds anything.
+        self, strips: Sequence[Chunk], count: int, optics: Optics, add: Callable[[Chunk, list[Any]], None]
+    ) -> Iterator[_Part]:
+        """What each strip adds to ``count`` images.
 
         For NumPy: torch's threads would wait for the next sum on the cores that compute it.
         """
         channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
-        kernel, bounds = row_kernels(self._kind, optics.effects).splat_rows, _bounds(group, optics)
 
-        def add(strip: Sequence[_Block]) -> tuple[NDArray[Any], list[list[int]]]:
+        def part_of(strip: Chunk) -> _Part:
             # Rows of pixels are set to zero by whoever comes to them first.
-            part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
-            rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
-            outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
-            for block in strip:
-                photons = photons_of(block.chunk, group)
-                self._launch(kernel, group, photons, block.columns, [warp_array(bounds)], outputs)
-            return part.numpy(), rows.tolist()
+            part = torch.empty(count, channels, m, m, dtype=self._dtype)
+            rows = torch.tensor([[m, m]] * count, dtype=torch.int32)
+            add(strip, [warp_array(part), wp.from_torch(rows, return_ctype=True)])
+            return _Part(part.numpy(), rows.tolist())
 
-        return on_all_cores(add, strips)
+        return on_all_cores(part_of, strips)
 
     def image_adjoint(
         self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics, grad_image: torch.Tensor
@@ -143,12 +162,10 @@ class LatticeRows:
         kernel = row_adjoint_kernel(self._kind, optics.effects)
         bounds = _bounds(coefficients, optics)
 
-        def add(strip: Sequence[_Block]) -> torch.Tensor:
+        def add(strip: Chunk) -> torch.Tensor:
             part = _zeros(*coefficients.shape, dtype=self._dtype)
-            inputs = [warp_array(grad_image), warp_array(bounds)]
-            for block in strip:
-                photons = photons_of(block.chunk, coefficients)
-                self._launch(kernel, coefficients, photons, block.columns, inputs, [warp_array(part)])
+            inputs = [photons_of(strip, coefficients), warp_array(grad_image), warp_array(bounds)]
+            self._launch(kernel, coefficients, len(coefficients), strip, inputs, [warp_array(part)])
             return part
 
         parts = on_all_cores(add, self._strips)
@@ -172,7 +189,7 @@ class LatticeRows:
             dim=len(planes),
             inputs=[
                 *(warp_array(array) for array in (matrix, transposed, planes.contiguous())),
-                PREFILTER_REACH,
+                REACH[self._dtype],
                 warp_array(torch.empty(inner, dtype=self._dtype)),
             ],
             outputs=[warp_array(found)],
@@ -180,58 +197,28 @@ class LatticeRows:
         )
         return found
 
-    def _columns(self, begin: int, end: int) -> _Columns:
-        """From one column to before another."""
-        count = end - begin
-        padded = -(-count // LANES) * LANES + LANES
-        across = np.zeros((2, padded))
-        across[:, :count] = self._across[:, begin:end]
-        first = np.clip(self._first - begin, 0, count)
-        return _Columns(padded, torch.from_numpy(across).to(self._dtype), torch.from_numpy(first.astype(np.int32)))
-
-    def _touched(self, coefficients: torch.Tensor) -> list[list[_Block]]:
-        """Photons under which the second of two reliefs differs from the first."""
-        apart = (coefficients[1] - coefficients[0]).abs().numpy()
-        is_other, plan, strips = apart > TOUCHED * apart.max(), self._plan, []
-        for (strip,) in self._strips:
-            blocks, rows = [], -(-strip.chunk.rows // BLOCKS)
-            for row in range(0, strip.chunk.rows, rows):
-                first, count = strip.chunk.first_row + row, min(rows, strip.chunk.rows - row)
-                chunk = Chunk(first * plan.columns, count * plan.columns, first, count)
-                taps = np.flatnonzero(is_other[_taps_of(chunk, plan)].any(0))
-                if not len(taps):
-                    continue
-                # A photon lies between four coefficients.
-                begin, end = self._first[max(0, taps[0] - 3)], self._first[min(taps[-1] + 1, len(self._first) - 1)]
-                if end > begin:
-                    wide = Chunk(chunk.first + int(begin), count * int(end - begin), first, count)
-                    blocks.append(_Block(wide, self._columns(int(begin), int(end))))
-            if blocks:
-                strips.append(blocks)
-        return strips
-
     def _launch(
         self,
         kernel: wp.Kernel,
         coefficients: torch.Tensor,
-        photons: Any,
-        columns: _Columns,
+        count: int,
+        strip: Chunk,
         inputs: list[Any],
         outputs: list[Any],
     ) -> None:
-        listed = torch.empty(columns.padded, dtype=torch.int32)
+        """A kernel for all rows of a strip and so many reliefs."""
+        listed = torch.empty(self._padded, dtype=torch.int32)
         by_cell = torch.empty(CELL_PLANES, coefficients.shape[2], dtype=self._dtype)
         # Zero is no light: so the photons beyond the last column.
-        work = _zeros(PLANES, columns.padded, dtype=self._dtype)
+        work = _zeros(PLANES, self._padded, dtype=self._dtype)
         wp.launch(
             kernel,
-            dim=(len(coefficients), photons.count // photons.columns),
+            dim=(count, strip.rows),
             inputs=[
                 warp_array(coefficients),
-                photons,
                 *inputs,
-                warp_array(columns.across),
-                wp.from_torch(columns.first_photon, return_ctype=True),
+                warp_array(self._across),
+                wp.from_torch(self._first, return_ctype=True),
                 warp_array(by_cell),
                 warp_array(work),
                 wp.from_torch(listed, return_ctype=True),
@@ -239,6 +226,22 @@ class LatticeRows:
             outputs=outputs,
             device="cpu",
         )
+
+
+def _touched(changes: NDArray[Any]) -> NDArray[np.int32]:
+    """In which columns coefficients change: first and end of each row, shape [B, n + 4, 2].
+
+    Args:
+        changes: of coefficients, shape [B, n + 4, n + 4] [m].
+    """
+    taps = changes.shape[1]
+    found = np.empty((len(changes), taps, 2), np.int32)
+    for places, change in zip(found, np.abs(changes), strict=True):
+        is_other = change > TOUCHED * change.max()
+        rows = is_other.any(1)
+        places[:, 0] = np.where(rows, is_other.argmax(1), taps)
+        places[:, 1] = np.where(rows, taps - is_other[:, ::-1].argmax(1), 0)
+    return found
 
 
 def _taps_of(strip: Chunk, plan: PhotonPlan) -> slice:

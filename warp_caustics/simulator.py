@@ -136,30 +136,34 @@ class CausticSimulator:
             self._check_heights(heights, *extremes.read())
         return image if heights.ndim == 3 else image[0]
 
+    @property
+    def traces_changes(self) -> bool:
+        """Whether :meth:`change` takes less than two images do."""
+        return self.engine.rows is not None
+
     @torch.no_grad()
     def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """Irradiance of one relief less that of another that differs in places; not differentiable.
+        """Irradiance of reliefs less that of another, from which they differ in places; not differentiable.
 
-        A lattice on a CPU traces only light that the change touches: a tenth to a quarter of the time, of a line that
-        moves a bit.
+        A lattice on a CPU traces only light that a change touches: a tenth of the time, of a line that moves a bit.
 
         Args:
-            first: relief [m], shape [n, n], of the simulator's dtype and device.
-            second: the other one, likewise.
+            first: the other relief [m], shape [n, n], of the simulator's dtype and device.
+            second: one relief, shape [n, n], or several, shape [B, n, n].
 
         Returns:
-            Irradiance [W/m^2] of the second less that of the first, shape [n_w, m, m].
+            Irradiance [W/m^2] of the second less that of the first, shape [n_w, m, m] or [B, n_w, m, m].
 
         Raises:
             InputError: as of a call.
         """
-        if self.engine.rows is None or first.shape != second.shape:
-            difference: torch.Tensor = self(second) - self(first)
-            return difference
-        for each in (first, second):
-            self._shaped(each)
+        if first.ndim != 2:
+            raise InputError(f"changes of one relief, shape [n, n], not of {list(first.shape)}; call it for each")
+        others = self._shaped(second)
+        for each in (self._shaped(first), others):
             self._check_heights(each, *torch.stack(torch.aminmax(each)).tolist())
-        return self.engine.change(first.contiguous(), second.contiguous())
+        change = self.engine.change(first.contiguous(), others.contiguous())
+        return change if second.ndim == 3 else change[0]
 
     def reseed(self, seed: int, role: str = "") -> None:
         """Take the photon set of another seed; much cheaper than a new simulator.

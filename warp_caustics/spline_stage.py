@@ -26,8 +26,8 @@ from warp_caustics.types import FloatArray
 MAX_WHOLE_SAMPLES = 512
 """Reliefs of at most so many samples along an axis go by whole matrices."""
 
-GPU_REACH = {torch.float32: 16, torch.float64: PREFILTER_REACH}
-"""Of the prefilter there: beyond 16 samples all entries together are 1e-9, which float32 does not show."""
+REACH = {torch.float32: 16, torch.float64: PREFILTER_REACH}
+"""Of the prefilter, that kernels look at: all entries beyond 16 samples are 1e-9, which float32 does not show."""
 
 EVERYTHING = (-math.inf, math.inf)
 """Heights that may be."""
@@ -133,7 +133,7 @@ class SplineStage:
 
     def _kernels(self, dtype: torch.dtype) -> tuple[SimpleNamespace, int]:
         """That filter, and how far they reach."""
-        return prefilter_kernels(dtype_of(torch.finfo(dtype).bits)), GPU_REACH[dtype]
+        return prefilter_kernels(dtype_of(torch.finfo(dtype).bits)), REACH[dtype]
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk) -> torch.Tensor:
         """Surface maps [B, 6, rows, columns] (MAP_NAMES) of a chunk of the lattice."""

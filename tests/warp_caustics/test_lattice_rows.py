@@ -126,17 +126,38 @@ def test_a_change_in_places_is_the_difference_of_both_images(name):
     torch.testing.assert_close(simulator.change(second, first), -found)
 
 
-def test_of_a_change_only_light_that_it_touches_is_traced(monkeypatch):
-    """A part of the rows, and in each block of these a part of the columns."""
+def test_changes_are_found_together_as_one_by_one(monkeypatch):
+    """Bit for bit, however many images are summed at a time."""
+    simulator = CausticSimulator(SCENE, n_photons=96**2)
+    first, *others = relief(SCENE, 4, torch.float32)
+    others = torch.stack([*others, in_a_place(SCENE, first), first])
+    together = simulator.change(first, others)
+    assert together.shape == (5, SCENE.n_wavelengths, SCENE.image_pixels, SCENE.image_pixels)
+    assert torch.equal(torch.stack([simulator.change(first, one) for one in others]), together)
+    assert not together[-1].any()
+    monkeypatch.setattr(lattice_rows, "BATCH_BYTES", 1)
+    assert torch.equal(simulator.change(first, others), together)
+
+
+def test_of_a_change_only_light_that_it_touches_is_looked_at():
+    """Of each row the columns between the first and the last that it touches; of most rows none."""
     scene = SCENE.model_copy(update={"height_samples": 64})
     simulator = CausticSimulator(scene, n_photons=160**2)
-    first, rows, traced = relief(scene, dtype=torch.float32)[0], simulator.engine.rows, []
-    launch = type(rows)._launch
-    monkeypatch.setattr(type(rows), "_launch", lambda self, *args: traced.append(args[2].count) or launch(self, *args))
-    simulator.change(first, in_a_place(scene, first))
-    assert 0 < sum(traced) < 2 * 0.2 * simulator.n_photons
-    traced.clear()
-    assert not simulator.change(first, first).any() and not traced
+    first, engine = relief(scene, dtype=torch.float32)[0], simulator.engine
+    change = engine.coefficients((in_a_place(scene, first) - first)[None])
+    (touched,) = lattice_rows._touched(change.numpy())
+    widths = (touched[:, 1] - touched[:, 0]).clip(0)
+    assert 0 < widths.sum() < 0.1 * widths.size**2 and (widths == 0).mean() > 0.5
+    for row, (begin, end) in enumerate(touched):
+        outside = torch.cat([change[0, row, : max(begin, 0)], change[0, row, max(end, begin) :]])
+        assert float(outside.abs().max()) <= lattice_rows.TOUCHED * float(change.abs().max())
+    assert not simulator.change(first, first).any()
+
+
+def test_a_change_is_of_one_relief():
+    simulator, flat = CausticSimulator(SCENE, n_photons=900), torch.zeros(2, 20, 20)
+    with pytest.raises(InputError, match="changes of one relief"):
+        simulator.change(flat, flat)
 
 
 def test_a_change_of_what_cannot_be_simulated_is_refused():

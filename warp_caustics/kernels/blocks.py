@@ -72,7 +72,7 @@ def _block_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         work: wp.array2d[dtype],
     ):
         """Surface maps to footprints at one wavelength."""
-        refract_block(places, zero, colour_of(photons, b, c), optics_of(photons, b), count, work)
+        refract_block(places, zero, colour_of(photons, b, c), optics_of(photons, b), 0, count, work)
         if wp.static(is_blocked):
             for j in range(count):
                 if photons.clear[b, c, first + j] == wp.uint8(0):

@@ -52,7 +52,7 @@ _PER_BLOCK = f"""
     struct Four {{ char columns[4]; }};
     struct Five {{ char columns[5]; }};
     struct Eight {{ char columns[8]; }};
-    for (int j = 0; j < columns; j += 16) {{
+    for (int j = begin; j < end; j += 16) {{
         real* const from = work.data + {FOOTPRINT_PLANE} * plane + j;
         const V column = load(from), row = load(from + plane);
         const V sigma_x = load(from + 2 * plane), sigma_y = load(from + 3 * plane);
@@ -262,12 +262,13 @@ def _text(parts: dict[str, str]) -> str:
 
 @made_once
 def row_pixel_functions(dtype: Any) -> tuple[Any, Any]:
-    """``add_row_of_photons`` and ``gather_row_of_photons``; both return how many photons are ``listed`` instead."""
+    """``add_row_of_photons`` and ``gather_row_of_photons``, of some columns; how many are ``listed`` instead."""
 
     @wp.func_native(vector_snippet(dtype, _text(_ADD)))  # with no_type_check they would return nothing
     def add_row_of_photons(
         work: wp.array2d[dtype],
-        columns: wp.int32,
+        begin: wp.int32,
+        end: wp.int32,
         b: wp.int32,
         channel: wp.int32,
         # outputs
@@ -279,7 +280,8 @@ def row_pixel_functions(dtype: Any) -> tuple[Any, Any]:
     @wp.func_native(vector_snippet(dtype, _text(_GATHER)))
     def gather_row_of_photons(
         work: wp.array2d[dtype],
-        columns: wp.int32,
+        begin: wp.int32,
+        end: wp.int32,
         b: wp.int32,
         channel: wp.int32,
         image: wp.array4d[dtype],

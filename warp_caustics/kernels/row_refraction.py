@@ -90,8 +90,8 @@ _LIGHT = (
     _PER_ROW
     + """
     ROW_Y
-    const V number = real(columns);
-    for (int j = 0; j < columns; j += 16) {
+    const V number = real(end);
+    for (int j = begin; j < end; j += 16) {
         real* const at = work.data + j;
 """
     + _PER_PHOTON
@@ -171,8 +171,8 @@ _LIGHT_ADJOINT = (
 
 @made_once
 def row_refraction_functions(dtype: Any, effects: Effects, *, is_row: bool = True) -> tuple[Any, Any]:
-    """``refract_row``: surface maps of a row to footprints, and ``refract_row_adjoint``, which adds to the gradient of
-    the maps or, where ``is_first``, writes it.
+    """``refract_row``: surface maps of some columns of a row to footprints; and ``refract_row_adjoint``, which adds to
+    the gradient of the maps or, where ``is_first``, writes it.
 
     Photons of a row share ``row_y``; others (``is_row`` False) have their y in row 2 of ``across``, as all have their x
     in row 1.
@@ -199,7 +199,8 @@ def row_refraction_functions(dtype: Any, effects: Effects, *, is_row: bool = Tru
         row_y: dtype,
         colour: Colour,
         optics: Optics,
-        columns: wp.int32,
+        begin: wp.int32,
+        end: wp.int32,
         # outputs
         work: wp.array2d[dtype],
     ): ...

@@ -17,7 +17,6 @@ CELL_PLANES = 15
 
 _ROWS = """
     const int taps = coefficients.shape[2];
-    const int cells = taps - 3;
     const size_t stride = by_cell.shape[1];
     real* const rows = by_cell.data;
     real* const powers = by_cell.data + 3 * stride;
@@ -32,7 +31,7 @@ _MAPS = (
     {
         const real* __restrict c = coefficients.data + (size_t(b) * taps + cell_row) * taps;
         real* __restrict to = rows;
-        for (int j = 0; j < taps; ++j) {
+        for (int j = first_cell; j < end_cell + 3; ++j) {
             const real c0 = c[j], c1 = c[taps + j], c2 = c[2 * taps + j], c3 = c[3 * taps + j];
             to[j] = weights[0] * c0 + weights[1] * c1 + weights[2] * c2 + weights[3] * c3;
             to[stride + j] = slopes[0] * c0 + slopes[1] * c1 + slopes[2] * c2 + slopes[3] * c3;
@@ -43,7 +42,7 @@ _MAPS = (
     for (int m = 0; m < 3; ++m) {
         const real* __restrict a = rows + m * stride;
         real* __restrict to = powers + 4 * m * stride;
-        for (int k = 0; k < cells; ++k) {
+        for (int k = first_cell; k < end_cell; ++k) {
             const real a0 = a[k], a1 = a[k + 1], a2 = a[k + 2], a3 = a[k + 3];
             to[k] = real(1.0 / 6.0) * (a0 + real(4) * a1 + a2);
             to[stride + k] = real(0.5) * (a2 - a0);
@@ -53,7 +52,7 @@ _MAPS = (
     }
     // --- photons of each cell; what is written beyond them, the next cell writes over
     const real per = samples_per_m_x, per2 = per * per;
-    for (int k = 0; k < cells; ++k) {
+    for (int k = first_cell; k < end_cell; ++k) {
         for (int j = first_photon.data[k]; j < first_photon.data[k + 1]; j += 8) {
             const U t = load8(t_of + j);
             const real* p = powers + k;
@@ -76,6 +75,7 @@ _MAPS = (
 _MAPS_ADJOINT = (
     _ROWS
     + """
+    const int cells = taps - 3;
     // --- photons of each cell, to powers, to coefficients along x
     for (int m = 0; m < 3; ++m)
         for (int j = 0; j < taps; ++j) rows[m * stride + j] = real(0);
@@ -157,6 +157,7 @@ _BOTH_WAYS = """
         for (int k = from_to(middle - reach, inner); k < from_to(middle + reach + 1, inner); ++k)
             add_scaled(half_way, planes.data + (size_t(b) * inner + k) * inner, left[size_t(i) * inner + k], inner);
         for (int k = 0; k < inner; ++k) {
+            if (half_way[k] == real(0)) continue;  // bare plate, or where a change is none
             const int across = k + (rows - inner) / 2;
             const int begin = from_to(across - reach, rows), end = from_to(across + reach + 1, rows);
             add_scaled(to + begin, right + size_t(k) * rows + begin, half_way[k], end - begin);
@@ -197,7 +198,8 @@ def row_surface_functions(dtype: Any) -> tuple[Any, Any]:
 
     Both take scratch memory for cells [CELL_PLANES, n + 4], the row of coefficients that comes first, the weights of
     the four rows and of their first and second derivatives along y [per m], where in its cell each photon lies (row 0
-    of ``across``), and the first photon of each cell [n + 2].
+    of ``across``), and the first photon of each cell [n + 2]. Maps are those of some cells, n + 1 in all, and of the
+    photons in these.
     """
     vec4 = wp.types.vector(length=4, dtype=dtype)
 
@@ -213,6 +215,8 @@ def row_surface_functions(dtype: Any) -> tuple[Any, Any]:
         samples_per_m_x: dtype,
         across: wp.array2d[dtype],
         first_photon: wp.array[wp.int32],
+        first_cell: wp.int32,
+        end_cell: wp.int32,
         by_cell: wp.array2d[dtype],
         # outputs: planes 0 to 5, MAP_NAMES
         work: wp.array2d[dtype],

@@ -78,17 +78,19 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
         photons: Photons,
         b: wp.int32,
         c: wp.int32,
+        begin: wp.int32,
+        end: wp.int32,
         work: wp.array2d[dtype],
     ):
-        """Surface maps to footprints of a row at one wavelength."""
+        """Surface maps to footprints of some columns of a row at one wavelength."""
         colour = colour_of(photons, b, c)
         optics = optics_of(photons, b)
-        refract_row(across, y, colour, optics, photons.columns, work)
+        refract_row(across, y, colour, optics, begin, end, work)
         if wp.static(is_blocked):
             # Only paths so flat that the relief may come nearer are followed.
             lowest = bounds[b, 0]
             steepest = bounds[b, 1]
-            for j in range(photons.columns):
+            for j in range(begin, end):
                 lit = work[wp.static(FOOTPRINT_PLANE + 5), j] > zero
                 if lit and work[wp.static(SIDE_PLANE), j] * steepest * steepest > one:
                     clear = clear_path(
@@ -113,7 +115,7 @@ def _row_functions(dtype: Any, effects: Effects) -> SimpleNamespace:
 
 @made_once
 def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
-    """Kernels ``splat_rows`` and ``filter_planes``, compiled together."""
+    """Kernels ``splat_rows``, ``splat_changes`` and ``filter_planes``, compiled together."""
     module = "_".join((__name__, dtype.__name__, *(str(int(is_on)) for is_on in effects)))
     both_ways = both_ways_function(dtype)
     functions = _row_functions(dtype, effects)
@@ -124,6 +126,33 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
     row_window, add_rows = adding.row_window, adding.add_rows
     Photons, Footprints = photons_struct(dtype), footprint_struct(dtype, 1)
     vector = wp.types.vector(length=1, dtype=dtype)
+
+    @no_type_check
+    @wp.func
+    def add_photons(
+        work: wp.array2d[dtype],
+        begin: wp.int32,
+        end: wp.int32,
+        b: wp.int32,
+        c: wp.int32,
+        image: wp.array4d[dtype],
+        listed: wp.array[wp.int32],
+        lit_rows: wp.array2d[wp.int32],
+    ):
+        """Footprints in some columns of a row to pixels of one wavelength."""
+        others = add_row_of_photons(work, begin, end, b, c, image, listed, lit_rows)
+        for k in range(others):
+            f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
+            alone = Footprints(
+                vector(f.column),
+                vector(f.row),
+                vector(f.sigma_x),
+                vector(f.sigma_y),
+                vector(f.beta),
+                vector(f.amplitude),
+            )
+            first, last = row_window(alone, image)
+            add_rows(alone, first, last, b, c, 0, image)
 
     @no_type_check
     @wp.kernel(enable_backward=False, module=module)
@@ -173,26 +202,78 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
             photons.samples_per_m_x,
             across,
             first_photon,
+            0,
+            photons.samples + 1,
             by_cell,
             work,
         )
         for c in range(image.shape[1]):
-            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
-            others = add_row_of_photons(work, photons.columns, b, c, image, listed, lit_rows)
-            for k in range(others):
-                f = footprint_of(work, wp.static(FOOTPRINT_PLANE), listed[k])
-                alone = Footprints(
-                    vector(f.column),
-                    vector(f.row),
-                    vector(f.sigma_x),
-                    vector(f.sigma_y),
-                    vector(f.beta),
-                    vector(f.amplitude),
-                )
-                first, last = row_window(alone, image)
-                add_rows(alone, first, last, b, c, 0, image)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, 0, photons.columns, work)
+            add_photons(work, 0, photons.columns, b, c, image, listed, lit_rows)
 
-    return SimpleNamespace(splat_rows=splat_rows, filter_planes=filter_planes)
+    @no_type_check
+    @wp.kernel(enable_backward=False, module=module)
+    def splat_changes(
+        coefficients: wp.array3d[dtype],
+        touched: wp.array3d[wp.int32],
+        photons: Photons,
+        bounds: wp.array2d[dtype],
+        across: wp.array2d[dtype],
+        first_photon: wp.array[wp.int32],
+        by_cell: wp.array2d[dtype],
+        work: wp.array2d[dtype],
+        listed: wp.array[wp.int32],
+        # outputs
+        image: wp.array4d[dtype],
+        lit_rows: wp.array2d[wp.int32],
+    ):
+        """Add to image b [W/m^2] what relief b + 1 shows of rows of lattice photons, less what relief 0 does.
+
+        Of each row only photons from the first to the last cell that may differ: coefficients of relief b + 1,
+        [B + 1, n + 4, n + 4], differ in row r from column ``touched[b, r, 0]`` to before ``touched[b, r, 1]``. The
+        rest is as in ``splat_rows``.
+        """
+        b, i = wp.tid()
+        y = photons.positions[1, i]
+        cell_row, weights, slopes, curvatures = along_y(y, photons)
+        low = touched[b, cell_row, 0]
+        high = touched[b, cell_row, 1]
+        for r in range(1, 4):
+            low = wp.min(low, touched[b, cell_row + r, 0])
+            high = wp.max(high, touched[b, cell_row + r, 1])
+        # A photon lies between four coefficients.
+        first_cell = wp.max(low - 3, 0)
+        end_cell = wp.min(high, photons.samples + 1)
+        if first_cell < end_cell:
+            begin = first_photon[first_cell]
+            end = first_photon[end_cell]
+            if begin < end:
+                for is_new in range(2):
+                    k = is_new * (b + 1)
+                    row_maps(
+                        coefficients,
+                        k,
+                        cell_row,
+                        weights,
+                        slopes,
+                        curvatures,
+                        photons.samples_per_m_x,
+                        across,
+                        first_photon,
+                        first_cell,
+                        end_cell,
+                        by_cell,
+                        work,
+                    )
+                    for c in range(image.shape[1]):
+                        light_of_row(coefficients, bounds, across, y, photons, k, c, begin, end, work)
+                        if is_new == 0:
+                            for j in range(begin, end):
+                                amplitude = work[wp.static(FOOTPRINT_PLANE + 5), j]
+                                work[wp.static(FOOTPRINT_PLANE + 5), j] = -amplitude
+                        add_photons(work, begin, end, b, c, image, listed, lit_rows)
+
+    return SimpleNamespace(splat_rows=splat_rows, splat_changes=splat_changes, filter_planes=filter_planes)
 
 
 @made_once
@@ -237,12 +318,14 @@ def row_adjoint_kernel(dtype: Any, effects: Effects) -> Any:
             photons.samples_per_m_x,
             across,
             first_photon,
+            0,
+            photons.samples + 1,
             by_cell,
             work,
         )
         for c in range(grad_image.shape[1]):
-            light_of_row(coefficients, bounds, across, y, photons, b, c, work)
-            others = gather_row_of_photons(work, photons.columns, b, c, grad_image, listed)
+            light_of_row(coefficients, bounds, across, y, photons, b, c, 0, photons.columns, work)
+            others = gather_row_of_photons(work, 0, photons.columns, b, c, grad_image, listed)
             for k in range(others):
                 j = listed[k]
                 g = gather(footprint_of(work, wp.static(FOOTPRINT_PLANE), j), b, c, 0, grad_image)

@@ -7,7 +7,7 @@ Descent is preconditioned by Gauss-Newton's matrix (Nocedal & Wright, Numerical 
 image's derivatives by all numbers, by differences of simulations with few pixels and photons, one batch for all lines.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -161,17 +161,43 @@ class ImageFit:
             ratio = torch.where(light[0] > 0, light[1] / light[0], 1.0).float()
             return float(self.measurement.data_term(seen * ratio[:, None, None], "charbonnier", self.width))
 
-    def losses(self, heights_m: torch.Tensor) -> list[float]:
-        """Misfits of reliefs [m], shape [B, n, n]."""
+    def losses(self, heights_m: torch.Tensor, about_m: torch.Tensor | None = None) -> list[float]:
+        """Misfits of reliefs [m], shape [B, n, n]; a CPU takes less time for such as differ from one in places.
+
+        Args:
+            heights_m: the reliefs.
+            about_m: that one [m], shape [n, n]; None if there is none.
+        """
         found = []
         with torch.no_grad():
-            for some in heights_m.split(self._at_once):
-                loss = self.seen(some).sub_(self.measurement.irradiance).double()
+            for seen in self._seen_of_each(heights_m, about_m):
+                loss = seen.sub_(self.measurement.irradiance).double()
                 loss.square_().add_(self.width**2).sqrt_().sub_(self.width).mul_(self.measurement.weight)
                 found.append(loss.flatten(1).sum(dim=1))
             values = torch.cat(found) / self.measurement.weight.sum(dtype=torch.float64)
         listed: list[float] = values.tolist()
         return listed
+
+    def losses_with_each(self, lines: torch.Tensor, tried: torch.Tensor) -> list[float]:
+        """Misfits of lines [m], shape [L, 6], with each of others besides: one, [K, 6], or several, [K, E, 6]."""
+        return self.losses(self.model.with_each(lines, tried), self.model.heights(lines))
+
+    def _seen_of_each(self, heights_m: torch.Tensor, about_m: torch.Tensor | None) -> Iterator[torch.Tensor]:
+        """What the camera shows of reliefs [m], shape [B, n, n], some at a time, by what they differ from one in."""
+        parts = heights_m.split(self._at_once)
+        if about_m is None or len(heights_m) < 2 or not self.simulator.traces_changes:
+            yield from map(self.seen, parts)
+            return
+        seen = self.seen(about_m)
+        for some in parts:
+            yield self._changed(about_m, some, seen).add_(seen)
+
+    def _changed(self, first_m: torch.Tensor, others_m: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """What the camera shows of reliefs, shape [B, n, n], less what it does, and was seen, of one, shape [n, n]."""
+        if not self.simulator.traces_changes:
+            return self.seen(others_m).sub_(seen)
+        caustic = self.simulator.change(first_m, others_m)
+        return caustic if self._blur is None else blurred(caustic, self._blur)
 
     def with_gradient(
         self, heights_m: torch.Tensor, beside: Beside | None = None, amplitudes: FloatArray | None = None
@@ -217,9 +243,10 @@ class ImageFit:
             for rows, some, by in zip(*parts, strict=True):
                 change = by[:, None, None] * some
                 if beside is None:
-                    moved = self.seen(heights_m + change).sub_(image)
+                    moved = self._changed(heights_m, heights_m + change, image)
                 else:
-                    moved = self.seen(heights_m + change / 2).sub_(self.seen(heights_m - change / 2))
+                    moved = self._changed(heights_m, heights_m + change / 2, image)
+                    moved.sub_(self._changed(heights_m, heights_m - change / 2, image))
                 torch.div(moved.flatten(1), by[:, None], out=rows)
             if beside is not None:
                 jacobian[count:] = beside.at(image.shape[-1]).flatten(1)

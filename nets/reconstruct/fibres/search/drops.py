@@ -70,7 +70,8 @@ def _rounded(fit: ImageFit, lines: torch.Tensor) -> torch.Tensor:
     for k in (len(lines) - 2, len(lines) - 1):
         versions = [lines[k], *round_drops(lines[k])]
         tried = torch.stack([torch.cat([lines[:k], lines[k + 1 :], each[None]]) for each in versions])
-        losses = fit.losses(torch.stack([model.heights(each) for each in model.clamped(tried)]))
+        reliefs = torch.stack([model.heights(each) for each in model.clamped(tried)])
+        losses = fit.losses(reliefs, reliefs[0])
         lines[k] = model.clamped(tried[min(range(len(losses)), key=losses.__getitem__)])[-1]
     return lines
 

@@ -111,4 +111,4 @@ def _losses(fit: ImageFit, lines: torch.Tensor, k: int, versions: list[torch.Ten
     if not versions:
         return []
     others = torch.cat([lines[:k], lines[k + 1 :]])
-    return fit.losses(fit.model.with_each(others, fit.model.clamped(torch.stack(versions))))
+    return fit.losses_with_each(others, fit.model.clamped(torch.stack(versions)))

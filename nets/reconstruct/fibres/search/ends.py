@@ -93,7 +93,7 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
     else:
         moved_ends = [torch.stack([version[k] for version, k in zip(versions, way, strict=True)]) for way in ways]
         total = model.with_each(rest, model.clamped(torch.stack(moved_ends)))
-    losses = fit.losses(total)
+    losses = fit.losses(total, model.heights(lines))
     found = []
     for loss, number in sorted(zip(losses, range(len(ways)), strict=True))[:TRIED]:
         moved = lines.clone()

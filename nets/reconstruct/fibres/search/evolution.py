@@ -81,7 +81,7 @@ def evolved_ends(fit: ImageFit, lines: torch.Tensor, ends: Sequence[tuple[int, i
         return model.clamped(versions)
 
     def misfits(by_m: FloatArray) -> FloatArray:
-        found = fit.losses(model.with_each(kept, moved(np.atleast_2d(by_m.T))))
+        found = fit.losses_with_each(kept, moved(np.atleast_2d(by_m.T)))
         if fit.report is not None:
             fit.report(min(found))
         return np.asarray(found)
@@ -122,7 +122,7 @@ def _lines(model: LineModel, numbers: FloatArray) -> torch.Tensor:
 
 def _misfits(fit: ImageFit, kept: torch.Tensor, numbers: FloatArray) -> FloatArray:
     """Of lines with numbers of shape [6, K], each alone beside those that are kept, shape [K]."""
-    found = fit.losses(fit.model.with_each(kept, _lines(fit.model, np.atleast_2d(numbers.T))))
+    found = fit.losses_with_each(kept, _lines(fit.model, np.atleast_2d(numbers.T)))
     if fit.report is not None:
         fit.report(min(found))
     return np.asarray(found)

@@ -100,7 +100,7 @@ def _promising(fit: ImageFit, relief_m: torch.Tensor, spread_m: torch.Tensor, be
         return []
     if fit.report is not None:
         fit.report(best.loss)
-    losses = fit.losses(fit.model.with_each(best.lines, lines))
+    losses = fit.losses_with_each(best.lines, lines)
     return [lines[k] for _, k in sorted((loss, k) for k, loss in enumerate(losses))[:TRIED_PROPOSALS]]
 
 
@@ -136,7 +136,7 @@ def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     asked = fit.model.parts(lines)[0].flatten(1).sum(dim=1).argsort().tolist()
     while asked:
         without = fit.model.heights_without_each(lines[kept])
-        losses = fit.losses(without[[kept.index(k) for k in asked]])
+        losses = fit.losses(without[[kept.index(k) for k in asked]], fit.model.heights(lines[kept]))
         spare = next((i for i, loss in enumerate(losses) if loss < REMOVED_LINE_FACTOR * current), None)
         if spare is None:
             break

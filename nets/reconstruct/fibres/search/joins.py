@@ -73,7 +73,7 @@ def _joined_once(fit: ImageFit, before: Fitted, quick: ImageFit) -> Fitted | Non
     if not ways:
         return None
     heights = [fit.model.heights(lines) for lines in (before.lines, *(way for way, _ in ways))]
-    now, *losses = quick.losses(torch.stack(heights))
+    now, *losses = quick.losses(torch.stack(heights), heights[0])
     tried = sorted((loss, number) for number, loss in enumerate(losses))[:TRIED]
     found = [(loss, ways[number][0]) for loss, number in tried]
     for _, number in tried:

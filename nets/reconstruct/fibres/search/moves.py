@@ -97,7 +97,7 @@ def jump(
 
     def best_of(k: int, tried: list[torch.Tensor]) -> tuple[float, int]:
         others = torch.cat([lines[:k], lines[k + 1 :]])
-        losses = quick.losses(model.with_each(others, model.clamped(torch.stack(tried))))
+        losses = quick.losses_with_each(others, model.clamped(torch.stack(tried)))
         if fit.report is not None:
             fit.report(current)
         return min((loss, number) for number, loss in enumerate(losses))

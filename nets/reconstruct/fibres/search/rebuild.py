@@ -209,7 +209,7 @@ def _with_one_more(
     rest = torch.where(within(model, place, radius_m + BEYOND_M), relief_m - model.heights(lines), 0.0)
     tried = proposals(model, rest, spread_m, RIDGES)
     if len(tried):
-        loss, number = _best(fit.losses(model.with_each(lines, tried)))
+        loss, number = _best(fit.losses_with_each(lines, tried))
         yield _Way(torch.cat([lines, tried[number][None]]), [*changed, len(lines)], loss)
 
 
@@ -227,7 +227,7 @@ def _moved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]:
         if not tried:
             continue
         versions = model.clamped(torch.stack(tried))
-        loss, number = _best(fit.losses(model.with_each(lines[others], versions)))
+        loss, number = _best(fit.losses_with_each(lines[others], versions))
         changed = lines.clone()
         changed[k] = versions[number]
         yield _Way(changed, [k], loss)

@@ -55,7 +55,7 @@ def _promising(fit: ImageFit, quick: ImageFit, best: Fitted) -> list[torch.Tenso
     found: list[tuple[float, int, torch.Tensor]] = []
     for number, line in enumerate(along):
         tried = model.clamped(_versions(line))
-        losses = quick.losses(model.with_each(best.lines, tried))
+        losses = quick.losses_with_each(best.lines, tried)
         loss, k = min((loss, k) for k, loss in enumerate(losses))
         if loss <= GIVEN_UP_FACTOR * now:
             found.append((loss, number, tried[k]))

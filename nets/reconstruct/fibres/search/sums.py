@@ -60,7 +60,7 @@ def _once(fit: ImageFit, lines: torch.Tensor, quick: ImageFit) -> Fitted | None:
     if not ways:
         return None
     heights = [fit.model.heights(each) for each in (lines, *ways)]
-    now, *losses = quick.losses(torch.stack(heights))
+    now, *losses = quick.losses(torch.stack(heights), heights[0])
     order = sorted(zip(losses, range(len(ways)), strict=True))[: TRIED[fit.model.device.type]]
     if order[0][0] > GIVEN_UP_FACTOR * now:
         return None

@@ -91,9 +91,9 @@ def test_ends_in_sight_are_not_tried_far():
     _, quick = fits(1.0)
     counted, losses = [], quick.losses
 
-    def counting(heights):
+    def counting(heights, about=None):
         counted.append(len(heights))
-        return losses(heights)
+        return losses(heights, about)
 
     quick.losses = counting
     ends_elsewhere(quick, LINES)

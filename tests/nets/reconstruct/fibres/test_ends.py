@@ -75,5 +75,5 @@ def test_what_is_tried_is_what_few_pixels_like(model, fit):
     found = with_moved_ends(fit, start, quick)
     assert error_um(model, found.lines, MEETING) < 0.2 * error_um(model, start, MEETING)
     assert found.loss == pytest.approx(fit.loss(model.heights(found.lines)), rel=1e-4)
-    blind = SimpleNamespace(model=model, loss=lambda heights: 1.0, losses=lambda heights: [9.0] * len(heights))
+    blind = SimpleNamespace(model=model, loss=lambda heights: 1.0, losses=lambda heights, _: [9.0] * len(heights))
     torch.testing.assert_close(with_moved_ends(fit, start, blind).lines, start)

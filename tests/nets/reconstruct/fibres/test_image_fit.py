@@ -79,6 +79,18 @@ def test_misfits_of_a_batch_are_those_of_each(model, image):
     np.testing.assert_allclose(fit.losses(both), singly, rtol=1e-6)
 
 
+@pytest.mark.parametrize("blur_px", [0.0, 0.7])
+def test_misfits_beside_a_relief_are_those_of_whole_images(model, image, blur_px):
+    """Where reliefs differ from it in places, of which light a CPU traces no more; through the camera's blur, too."""
+    fit = ImageFit(SCENE, image, model, 2 * N, camera=blurring(blur_px, SCENE.image_pixels))
+    assert fit.simulator.traces_changes
+    tried = torch.stack(list(shapes(LINES[2])))
+    reliefs = model.with_each(LINES[:2], model.clamped(tried))
+    whole, apart = np.array(fit.losses(reliefs)), np.ptp(fit.losses(reliefs))
+    assert fit.losses_with_each(LINES[:2], model.clamped(tried)) == pytest.approx(whole, abs=1e-3 * apart)
+    assert fit.losses(reliefs, model.heights(LINES)) == pytest.approx(whole, abs=1e-3 * apart)
+
+
 def test_one_wavelength_is_that_which_shows_most(image):
     """Masked pixels count most, then noise; a dark wavelength shows nothing."""
     assert clearest_wavelength(CausticImage(image.irradiance), SCENE) == 1
