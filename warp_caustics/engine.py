@@ -329,11 +329,11 @@ class Engine:
             name, call, inputs = "asked image", lambda: self._asked_image(batch, extremes), ()
         return self._replays((name, batch), call, *inputs) if self._is_small(heights) else call(*inputs)
 
-    def change(self, first: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-        """Images of reliefs [B, n, n] [m] less that of the first one, [n, n], shape [B, n_w, m, m] [W/m^2]."""
+    def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+        """Images of reliefs [B, n, n] [m] less those of others, [B, n, n] or [1, n, n]: [B, n_w, m, m] [W/m^2]."""
         if self.rows is None or self.optics.effects.many_benches:
-            return self.image(others) - self.image(first[None])
-        coefficients, changes = self.coefficients(first[None])[0], self.coefficients(others - first)
+            return self.image(second) - self.image(first)
+        coefficients, changes = self.coefficients(first), self.coefficients(second - first)
         return self.rows.change(coefficients, changes, self.fused_photons, self.optics)
 
     def image_adjoint(self, heights: torch.Tensor, grad_image: torch.Tensor) -> torch.Tensor:

@@ -42,7 +42,7 @@ class ExtrapolatedCaustic:
 
     @torch.no_grad()
     def change(self, first_m: torch.Tensor, second_m: torch.Tensor) -> torch.Tensor:
-        """Of one relief less that of another, as of :meth:`~warp_caustics.simulator.CausticSimulator.change`."""
+        """Of reliefs less those of others, as of :meth:`~warp_caustics.simulator.CausticSimulator.change`."""
         change: torch.Tensor = 2 * self._fine.change(first_m, second_m) - self._coarse.change(first_m, second_m)
         return change
 

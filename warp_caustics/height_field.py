@@ -29,6 +29,9 @@ _POLE = math.sqrt(3.0) - 2.0
 PREFILTER_REACH = 40
 """The prefilter decays by 0.27 per sample: at 40 samples, or with 40 of edge extension, 1e-23 is left."""
 
+REACH_OF_BITS = {32: 16, 64: PREFILTER_REACH}
+"""Of the prefilter, that kernels look at: all entries beyond 16 samples are 1e-9, which float32 does not show."""
+
 
 def prefilter_matrix(n: int, first: int = 0, last: int | None = None) -> FloatArray:
     """Matrix from height samples to spline coefficients along one axis, shape [n + 4, n], or some of its rows.

@@ -1,7 +1,7 @@
 """Lattice photons on a CPU: strips of rows on all cores, through ``kernels/rows.py``."""
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warp_caustics.chunked import MIN_CHUNK_PHOTONS, on_all_cores, warp_array
-from warp_caustics.height_field import sample_coordinate
+from warp_caustics.height_field import REACH_OF_BITS, sample_coordinate
 from warp_caustics.kernels import dtype_of
 from warp_caustics.kernels.row_refraction import PLANES
 from warp_caustics.kernels.row_surface import CELL_PLANES
@@ -18,7 +18,6 @@ from warp_caustics.kernels.vectors import LANES
 from warp_caustics.optics import Optics
 from warp_caustics.photons import Chunk, PhotonPlan
 from warp_caustics.relief_bounds import bounds_of
-from warp_caustics.spline_stage import REACH
 
 PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
 """Struct ``Photons`` of a chunk, over reliefs with these coefficients."""
@@ -26,24 +25,15 @@ PhotonsOf = Callable[[Chunk, torch.Tensor], Any]
 STRIPS = 16
 """Strips of rows that a lattice is cut into, whatever the number of cores: more would use more of them."""
 
+CHANGES = 4
+"""Reliefs whose changes are a core's work at a time, at most; fewer if there are less than of strips."""
+
 TOUCHED = 1e-3
 """Of the largest change of a spline's coefficients, below which photons are taken to stay where they are: coefficients
 fall by 0.27 from sample to sample beside a change of heights."""
 
 BATCH_BYTES = 64 * 2**20
 """Images of at most so much memory are summed at a time; every strip touches a part of its own copy."""
-
-
-class _Part(NamedTuple):
-    """What a strip adds to images.
-
-    Attributes:
-        image: shape [B, n_w, m, m]; rows that hold nothing may hold anything.
-        rows: of pixels between which each image's holds anything.
-    """
-
-    image: NDArray[Any]
-    rows: list[list[int]]
 
 
 class LatticeRows:
@@ -69,36 +59,39 @@ class LatticeRows:
     def change(
         self, coefficients: torch.Tensor, changes: torch.Tensor, photons_of: PhotonsOf, optics: Optics
     ) -> torch.Tensor:
-        """Irradiance of reliefs less that of another one [W/m^2], shape [B, n_w, m, m].
+        """Irradiance of reliefs less that of others [W/m^2], shape [B, n_w, m, m].
 
         Only photons that a change touches are looked at, of each row those from the first to the last: of light from
-        elsewhere that meets the relief again no more or less is lost.
+        elsewhere that meets the relief again no more or less is lost. A relief's are a core's work, which adds to no
+        image but its own.
 
         Args:
-            coefficients: of that one [m], shape [n + 4, n + 4].
-            changes: of what the others are higher [m], shape [B, n + 4, n + 4].
+            coefficients: of the others [m], shape [B, n + 4, n + 4], or of one, [1, n + 4, n + 4].
+            changes: of what the reliefs are higher [m], shape [B, n + 4, n + 4].
             photons_of: struct ``Photons`` of a chunk, by the lattice's axes.
             optics: as of :meth:`image`; of one bench.
         """
-        first, touched = coefficients[None], _touched(changes.numpy())
+        channels, m, plan = optics.scene.n_wavelengths, optics.scene.image_pixels, self._plan
+        image = _zeros(len(changes), channels, m, m, dtype=self._dtype)
+        touched = torch.from_numpy(_touched(changes.numpy()))
         kernel = row_kernels(self._kind, optics.effects).splat_changes
+        everything = Chunk(0, plan.count, 0, plan.rows)
 
-        def change(begin: int, end: int) -> Iterator[_Part]:
-            both, places = torch.cat([first, first + changes[begin:end]]), touched[begin:end]
-            bounds, columns = _bounds(both, optics), warp_array(torch.from_numpy(places))
-            strips = [
-                strip
-                for strip, taps in zip(self._strips, self._taps, strict=True)
-                if (places[:, taps, 0] < places[:, taps, 1]).any()
-            ]
+        at_once = min(CHANGES, -(-len(changes) // STRIPS))
 
-            def add(strip: Chunk, outputs: list[Any]) -> None:
-                inputs = [columns, photons_of(strip, both), warp_array(bounds)]
-                self._launch(kernel, both, end - begin, strip, inputs, outputs)
+        def add(begin: int) -> None:
+            some = slice(begin, begin + at_once)
+            first = coefficients if len(coefficients) == 1 else coefficients[some]
+            both, part = torch.cat([first, first + changes[some]]), image[some]
+            # All rows are set to zero already: none wait for whoever comes to them first.
+            rows = torch.tensor([[0, m]] * len(part), dtype=torch.int32)
+            inputs = [warp_array(touched[some]), photons_of(everything, both), warp_array(_bounds(both, optics))]
+            outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
+            self._launch(kernel, both, len(part), everything, inputs, outputs)
 
-            return self._parts(strips, end - begin, optics, add)
-
-        return self._sums(len(changes), optics, change)
+        for _ in on_all_cores(add, range(0, len(changes), at_once)):
+            pass
+        return image
 
     def image(self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics) -> torch.Tensor:
         """Irradiance [W/m^2], shape [B, n_w, m, m].
@@ -108,52 +101,38 @@ class LatticeRows:
             photons_of: struct ``Photons`` of a chunk over some of the reliefs, by the lattice's axes.
             optics: what else ``photons_of`` tells.
         """
-        kernel = row_kernels(self._kind, optics.effects).splat_rows
-
-        def image(begin: int, end: int) -> Iterator[_Part]:
-            some = coefficients[begin:end]
-            bounds = _bounds(some, optics)
-
-            def add(strip: Chunk, outputs: list[Any]) -> None:
-                inputs = [photons_of(strip, some), warp_array(bounds)]
-                self._launch(kernel, some, len(some), strip, inputs, outputs)
-
-            return self._parts(self._strips, len(some), optics, add)
-
-        return self._sums(len(coefficients), optics, image)
-
-    def _sums(self, count: int, optics: Optics, parts_of: Callable[[int, int], Iterator[_Part]]) -> torch.Tensor:
-        """Images, shape [count, n_w, m, m], from parts of those from one number to before another."""
         channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
-        image = _zeros(count, channels, m, m, dtype=self._dtype)
-        at_once = max(1, BATCH_BYTES // (channels * m * m * image.itemsize))
-        if optics.effects.many_benches:
-            at_once = max(1, count)
-        for begin in range(0, count, at_once):
-            total = image[begin : begin + at_once].numpy()
-            for part, rows in parts_of(begin, min(begin + at_once, count)):
+        at_once = max(1, BATCH_BYTES // (channels * m * m * coefficients.itemsize))
+        groups = [coefficients] if optics.effects.many_benches else coefficients.split(at_once)
+        image = _zeros(len(coefficients), channels, m, m, dtype=self._dtype)
+        done = 0
+        for group in groups:
+            total = image[done : done + len(group)].numpy()
+            for part, rows in self._parts(group, photons_of, optics):
                 for one, addend, (first, end) in zip(total, part, rows, strict=True):
-                    if first < end:
-                        one[:, first:end] += addend[:, first:end]
+                    one[:, first:end] += addend[:, first:end]
+            done += len(group)
         return image
 
     def _parts(
-        self, strips: Sequence[Chunk], count: int, optics: Optics, add: Callable[[Chunk, list[Any]], None]
-    ) -> Iterator[_Part]:
-        """What each strip adds to ``count`` images.
+        self, group: torch.Tensor, photons_of: PhotonsOf, optics: Optics
+    ) -> Iterator[tuple[NDArray[Any], list[list[int]]]]:
+        """Image of each strip, shape [B, n_w, m, m], and between which rows each relief's holds anything.
 
         For NumPy: torch's threads would wait for the next sum on the cores that compute it.
         """
         channels, m = optics.scene.n_wavelengths, optics.scene.image_pixels
+        kernel, bounds = row_kernels(self._kind, optics.effects).splat_rows, _bounds(group, optics)
 
-        def part_of(strip: Chunk) -> _Part:
+        def add(strip: Chunk) -> tuple[NDArray[Any], list[list[int]]]:
             # Rows of pixels are set to zero by whoever comes to them first.
-            part = torch.empty(count, channels, m, m, dtype=self._dtype)
-            rows = torch.tensor([[m, m]] * count, dtype=torch.int32)
-            add(strip, [warp_array(part), wp.from_torch(rows, return_ctype=True)])
-            return _Part(part.numpy(), rows.tolist())
+            part = torch.empty(len(group), channels, m, m, dtype=self._dtype)
+            rows = torch.tensor([[m, m]] * len(group), dtype=torch.int32)
+            inputs, outputs = [photons_of(strip, group), warp_array(bounds)], [warp_array(part)]
+            self._launch(kernel, group, len(group), strip, inputs, [*outputs, wp.from_torch(rows, return_ctype=True)])
+            return part.numpy(), rows.tolist()
 
-        return on_all_cores(part_of, strips)
+        return on_all_cores(add, self._strips)
 
     def image_adjoint(
         self, coefficients: torch.Tensor, photons_of: PhotonsOf, optics: Optics, grad_image: torch.Tensor
@@ -189,7 +168,7 @@ class LatticeRows:
             dim=len(planes),
             inputs=[
                 *(warp_array(array) for array in (matrix, transposed, planes.contiguous())),
-                REACH[self._dtype],
+                REACH_OF_BITS[torch.finfo(self._dtype).bits],
                 warp_array(torch.empty(inner, dtype=self._dtype)),
             ],
             outputs=[warp_array(found)],

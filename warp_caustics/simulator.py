@@ -143,27 +143,31 @@ class CausticSimulator:
 
     @torch.no_grad()
     def change(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        """Irradiance of reliefs less that of another, from which they differ in places; not differentiable.
+        """Irradiance of reliefs less that of others, from which they differ in places; not differentiable.
 
-        A lattice on a CPU traces only light that a change touches: a tenth of the time, of a line that moves a bit.
+        A lattice on a CPU traces only light that a change touches, a tenth of the time of a line that moves a bit; each
+        core looks at other reliefs.
 
         Args:
-            first: the other relief [m], shape [n, n], of the simulator's dtype and device.
-            second: one relief, shape [n, n], or several, shape [B, n, n].
+            first: others [m], shape [B, n, n], or one, [n, n], of the simulator's dtype and device.
+            second: reliefs, shape [B, n, n], or one, [n, n].
 
         Returns:
-            Irradiance [W/m^2] of the second less that of the first, shape [n_w, m, m] or [B, n_w, m, m].
+            Irradiance [W/m^2] of the second less that of the first, shape [n_w, m, m] of two reliefs, else
+            [B, n_w, m, m].
 
         Raises:
-            InputError: as of a call.
+            InputError: as of a call; or as many others as reliefs, or one, are not given.
         """
-        if first.ndim != 2:
-            raise InputError(f"changes of one relief, shape [n, n], not of {list(first.shape)}; call it for each")
-        others = self._shaped(second)
-        for each in (self._shaped(first), others):
+        others, reliefs = self._shaped(first), self._shaped(second)
+        if len(others) not in (1, len(reliefs)):
+            raise InputError(
+                f"{len(reliefs)} reliefs change from {len(others)} others; give as many, or one for all of them"
+            )
+        for each in (others, reliefs):
             self._check_heights(each, *torch.stack(torch.aminmax(each)).tolist())
-        change = self.engine.change(first.contiguous(), others.contiguous())
-        return change if second.ndim == 3 else change[0]
+        change = self.engine.change(others.contiguous(), reliefs.contiguous())
+        return change if first.ndim == 3 or second.ndim == 3 else change[0]
 
     def reseed(self, seed: int, role: str = "") -> None:
         """Take the photon set of another seed; much cheaper than a new simulator.

@@ -16,7 +16,7 @@ import warp as wp
 from warp_caustics.banded import Banded, banded
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.extremes import Extremes
-from warp_caustics.height_field import MARGIN, PREFILTER_REACH, basis_matrix, prefilter_matrix, sample_coordinate
+from warp_caustics.height_field import MARGIN, REACH_OF_BITS, basis_matrix, prefilter_matrix, sample_coordinate
 from warp_caustics.kernels import MAP_NAMES, dtype_of
 from warp_caustics.kernels.prefilter import prefilter_kernels
 from warp_caustics.lattice_adjoint import LatticeAdjoint
@@ -25,9 +25,6 @@ from warp_caustics.types import FloatArray
 
 MAX_WHOLE_SAMPLES = 512
 """Reliefs of at most so many samples along an axis go by whole matrices."""
-
-REACH = {torch.float32: 16, torch.float64: PREFILTER_REACH}
-"""Of the prefilter, that kernels look at: all entries beyond 16 samples are 1e-9, which float32 does not show."""
 
 EVERYTHING = (-math.inf, math.inf)
 """Heights that may be."""
@@ -133,7 +130,7 @@ class SplineStage:
 
     def _kernels(self, dtype: torch.dtype) -> tuple[SimpleNamespace, int]:
         """That filter, and how far they reach."""
-        return prefilter_kernels(dtype_of(torch.finfo(dtype).bits)), REACH[dtype]
+        return prefilter_kernels(dtype_of(torch.finfo(dtype).bits)), REACH_OF_BITS[torch.finfo(dtype).bits]
 
     def maps(self, coefficients: torch.Tensor, chunk: Chunk) -> torch.Tensor:
         """Surface maps [B, 6, rows, columns] (MAP_NAMES) of a chunk of the lattice."""

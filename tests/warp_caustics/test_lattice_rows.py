@@ -127,7 +127,7 @@ def test_a_change_in_places_is_the_difference_of_both_images(name):
 
 
 def test_changes_are_found_together_as_one_by_one(monkeypatch):
-    """Bit for bit, however many images are summed at a time."""
+    """Bit for bit, however many are a core's work; from one relief, and each from another."""
     simulator = CausticSimulator(SCENE, n_photons=96**2)
     first, *others = relief(SCENE, 4, torch.float32)
     others = torch.stack([*others, in_a_place(SCENE, first), first])
@@ -135,8 +135,12 @@ def test_changes_are_found_together_as_one_by_one(monkeypatch):
     assert together.shape == (5, SCENE.n_wavelengths, SCENE.image_pixels, SCENE.image_pixels)
     assert torch.equal(torch.stack([simulator.change(first, one) for one in others]), together)
     assert not together[-1].any()
-    monkeypatch.setattr(lattice_rows, "BATCH_BYTES", 1)
+    apart = others.roll(1, 0)
+    pairs = simulator.change(apart, others)
+    assert torch.equal(torch.stack([simulator.change(*pair) for pair in zip(apart, others, strict=True)]), pairs)
+    monkeypatch.setattr(lattice_rows, "STRIPS", 2)
     assert torch.equal(simulator.change(first, others), together)
+    assert torch.equal(simulator.change(apart, others), pairs)
 
 
 def test_of_a_change_only_light_that_it_touches_is_looked_at():
@@ -154,10 +158,12 @@ def test_of_a_change_only_light_that_it_touches_is_looked_at():
     assert not simulator.change(first, first).any()
 
 
-def test_a_change_is_of_one_relief():
-    simulator, flat = CausticSimulator(SCENE, n_photons=900), torch.zeros(2, 20, 20)
-    with pytest.raises(InputError, match="changes of one relief"):
-        simulator.change(flat, flat)
+def test_changes_are_from_one_relief_or_as_many():
+    simulator, flat = CausticSimulator(SCENE, n_photons=900), torch.zeros(3, 20, 20)
+    assert simulator.change(flat[0], flat).shape == simulator.change(flat, flat).shape
+    assert simulator.change(flat[:1], flat[0]).shape[:1] == (1,)
+    with pytest.raises(InputError, match="3 reliefs change from 2 others"):
+        simulator.change(flat[:2], flat)
 
 
 def test_a_change_of_what_cannot_be_simulated_is_refused():

@@ -227,11 +227,11 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
         image: wp.array4d[dtype],
         lit_rows: wp.array2d[wp.int32],
     ):
-        """Add to image b [W/m^2] what relief b + 1 shows of rows of lattice photons, less what relief 0 does.
+        """Add to image b [W/m^2] what a second relief shows of rows of lattice photons, less what a first one does.
 
-        Of each row only photons from the first to the last cell that may differ: coefficients of relief b + 1,
-        [B + 1, n + 4, n + 4], differ in row r from column ``touched[b, r, 0]`` to before ``touched[b, r, 1]``. The
-        rest is as in ``splat_rows``.
+        Coefficients, [F + B, n + 4, n + 4], are those of one first relief or as many as second ones, and then these. Of
+        each row only photons from the first to the last cell that may differ: in row r of coefficients from column
+        ``touched[b, r, 0]`` to before ``touched[b, r, 1]``. The rest is as in ``splat_rows``.
         """
         b, i = wp.tid()
         y = photons.positions[1, i]
@@ -248,8 +248,11 @@ def row_kernels(dtype: Any, effects: Effects) -> SimpleNamespace:
             begin = first_photon[first_cell]
             end = first_photon[end_cell]
             if begin < end:
+                firsts = coefficients.shape[0] - image.shape[0]
                 for is_new in range(2):
-                    k = is_new * (b + 1)
+                    k = wp.min(b, firsts - 1)
+                    if is_new == 1:
+                        k = firsts + b
                     row_maps(
                         coefficients,
                         k,

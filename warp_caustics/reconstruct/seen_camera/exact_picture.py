@@ -46,8 +46,12 @@ class ExactPicture:
 
     @torch.no_grad()
     def change(self, first_m: torch.Tensor, second_m: torch.Tensor) -> torch.Tensor:
-        """Picture of a relief that differs in places from another one, less that one's: of light that this touches."""
-        return self._shown(self._light.change(first_m, second_m))
+        """Pictures of reliefs that differ in places from others, less those of these: of light that this touches.
+
+        Shapes are those of :meth:`~warp_caustics.simulator.CausticSimulator.change`.
+        """
+        change = self._light.change(first_m, second_m)
+        return self._shown(change) if change.ndim == 3 else torch.stack([self._shown(each) for each in change])
 
     def _shown(self, light: torch.Tensor) -> torch.Tensor:
         """Light as the camera's pixels see it, which is linear."""

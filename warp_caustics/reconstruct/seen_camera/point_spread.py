@@ -189,8 +189,8 @@ class FineLight:
         """What the camera's pixels cover; beyond the plate's picture it is mirrored."""
         beside = self._beside
         if beside > 0:
-            return light[:, beside:-beside, beside:-beside]
-        return torch.nn.functional.pad(light[None], (-beside,) * 4, mode="reflect")[0] if beside else light
+            return light[..., beside:-beside, beside:-beside]
+        return torch.nn.functional.pad(light, (-beside,) * 4, mode="reflect") if beside else light
 
     @torch.no_grad()
     def __call__(self, heights_m: torch.Tensor) -> torch.Tensor:
@@ -200,7 +200,7 @@ class FineLight:
 
     @torch.no_grad()
     def change(self, first_m: torch.Tensor, second_m: torch.Tensor) -> torch.Tensor:
-        """Of one relief less that of another, as of :meth:`~warp_caustics.simulator.CausticSimulator.change`."""
+        """Of reliefs less those of others, as of :meth:`~warp_caustics.simulator.CausticSimulator.change`."""
         of_half = self._half.change(first_m, second_m)
         return self._seen(self._whole.change(first_m, second_m).mul_(2).sub_(of_half))
 

@@ -15,14 +15,16 @@ class Effort(NamedTuple):
         follows_light: light that meets the relief again is followed in every picture; else in the first one alone, and
             what others show less by it is taken from there.
         most_pixels: along an image, of larger ones none are made.
+        changes: numbers of lines by which derivatives are taken at a time; each takes 0.1 GB of a CPU's memory.
     """
 
     finer: int
     rounds: int
     follows_light: bool
     most_pixels: float
+    changes: int
 
 
-EFFORTS = {"cuda": Effort(3, 8, True, np.inf), "cpu": Effort(2, 3, False, 512)}
+EFFORTS = {"cuda": Effort(3, 8, True, np.inf, 1), "cpu": Effort(2, 3, False, 512, 8)}
 """By device. Of 1,024 pixels and more pictures take two cores four times as long as of 512, and derivatives four times
 the memory: 1 GB for forty lines of 512. To follow light takes six times as long, and hardly 1 % of it is lost."""

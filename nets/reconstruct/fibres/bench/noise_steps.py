@@ -347,13 +347,11 @@ class NoiseSteps:
         follows = self.effort.follows_light
         exact = self._picture(bench, camera, follows_light=follows)
         lit = ShownLight.by(self.numbers, bench, self.device)
-        for derivative in by_number:
-            if not bool(derivative.any()):
-                yield torch.zeros_like(picture)
-                continue
-            step = LINE_STEP_M / float(derivative.abs().max().clamp_min(1e-6))
-            low, high = ((heights + side * step / 2 * derivative).float() for side in (-1, 1))
-            yield exact.change(low, high).double() * lit.factor / step
+        for some in by_number.split(self.effort.changes) if len(by_number) else ():
+            steps = LINE_STEP_M / some.abs().amax((1, 2)).double().clamp_min(1e-6)[:, None, None]
+            low, high = ((heights + side * steps / 2 * some).float() for side in (-1, 1))
+            for change, step in zip(exact.change(low, high), steps, strict=True):
+                yield change.double() * lit.factor / step
         light = torch.tensor(bench.light(self._pixels), device=self.device)
         steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(bench.values), self._pixels))
         for parameter in self.numbers.parameters:
