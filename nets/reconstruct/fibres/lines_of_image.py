@@ -32,10 +32,10 @@ from nets.reconstruct.fibres.search.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.search.starting_lines import starting_lines
 from nets.reconstruct.fibres.shapes.curves_of_image import (
     MEETING_SHARE,
+    Curved,
     CurvesOfImage,
     CurvesOnImage,
     are_crowd,
-    are_rather_curved,
     network_on,
     share_that_meet,
 )
@@ -312,16 +312,15 @@ class LinesOfImage:
             self.model.shape, self.is_left_alone = told, True
             return
         self.is_left_alone = self.is_crowd = are_crowd(start)
-        if self._may_be_curved() and are_rather_curved(self.model, start, heights, spread):
-            self.is_in_vain = True
-            self.model.shape = told
-            return
         # What the relief tells is the nearest of a few sections.
         self.moves_section = self.model.shape != told
-        self.search(start, options.jumps, answer, is_first=True)
+        curved = Curved(self.model, start, heights, spread) if self._may_be_curved() else None
+        self.search(start, options.jumps, answer, is_first=True, gives_way=curved)
+        if curved is not None and curved.are_rather:
+            self.lines, self.model.shape = self.lines[:0], told
 
     def _may_be_curved(self) -> bool:
-        """Whether corners and curves are asked for before straight lines: these take a GPU no time."""
+        """Whether corners and curves are asked for amidst the search for straight lines, which takes a GPU no time."""
         options = self.method.options
         return options.looks_for_curves and options.max_time_s is None and self.method.device.type == "cpu"
 
@@ -334,10 +333,12 @@ class LinesOfImage:
         *,
         is_first: bool = False,
         evolves: bool = False,
+        gives_way: Curved | None = None,
     ) -> None:
         """Lines searched for from others, which tell an answer or are from it; where nothing was before, its section.
 
-        ``others`` of another search may be better in places. Where places stay wrong lines may evolve.
+        ``others`` of another search may be better in places. Where places stay wrong lines may evolve. Those that do
+        not do well may give way to curves.
         """
         method, device, view = self.method, self.method.device, self.view
         answer = answer or Answer.of(self.answer, self.most_lines)
@@ -357,6 +358,7 @@ class LinesOfImage:
             report=self.note,
             camera=view.camera,
             evolves=evolves,
+            gives_way=gives_way,
         )
         try:
             search.run(start)

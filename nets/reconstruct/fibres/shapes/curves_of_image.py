@@ -304,24 +304,44 @@ class CurvesOfImage:
         return best
 
 
-def are_rather_curved(model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: torch.Tensor) -> bool:
+class Curved:
     """Whether lines with corners and curves tell a relief clearly better than straight ones do, nodes counted.
 
     Straight lines are looked for on an image for a minute and more on a CPU, in vain where they are none. Asked where
-    some of few lines end where others begin, which a crowd does by chance, or much is left.
+    some of few lines end where others begin, which a crowd does by chance, or much is left. It takes a CPU as long as a
+    search for straight ones, so that it is asked once these do not do well.
 
     Args:
-        model: of straight lines.
+        model: of straight lines, with their section.
         lines: straight ones, shape [L, 6] [m].
         relief_m: that both tell, shape [n, n] [m].
         spread_m: how far it may be wrong, shape [n, n] [m].
+
+    Attributes:
+        may_be: whether it is worth while to ask.
+        are_rather: whether lines were asked, and are.
     """
-    straight = unexplained(model, lines, relief_m, spread_m)
-    is_asked = share_that_meet(lines) >= MEETING_SHARE or straight >= ENOUGH * WELL_TOLD * relief_m.numel()
-    if len(lines) > MANY or not is_asked:
-        return False
-    curved = curved_lines_of_relief(model, relief_m, spread_m)
-    return curved_unexplained(model, curved, relief_m, spread_m) < CURVED_FACTOR * straight
+
+    def __init__(self, model: LineModel, lines: torch.Tensor, relief_m: torch.Tensor, spread_m: torch.Tensor):
+        self._model, self._shape, self._relief, self._spread = model, model.shape, relief_m, spread_m
+        self._straight = unexplained(model, lines, relief_m, spread_m)
+        much = ENOUGH * WELL_TOLD * relief_m.numel()
+        self.may_be = len(lines) <= MANY and (share_that_meet(lines) >= MEETING_SHARE or self._straight >= much)
+        self.are_rather = False
+
+    def __call__(self) -> bool:
+        """Whether they are; the model keeps its section."""
+        if not self.may_be:
+            return False
+        model, shape = self._model, self._model.shape
+        model.shape = self._shape
+        try:
+            curved = curved_lines_of_relief(model, self._relief, self._spread)
+            left = curved_unexplained(model, curved, self._relief, self._spread)
+        finally:
+            model.shape = shape
+        self.are_rather = left < CURVED_FACTOR * self._straight
+        return self.are_rather
 
 
 def are_crowd(lines: torch.Tensor) -> bool:

@@ -11,7 +11,7 @@ from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.lines_of_image import LinesOfImage
 from nets.reconstruct.fibres.shapes.curves_fit import _Descent, curved_heights, fitted_to_image
-from nets.reconstruct.fibres.shapes.curves_of_image import CurvesOfImage, are_crowd, are_rather_curved
+from nets.reconstruct.fibres.shapes.curves_of_image import Curved, CurvesOfImage, are_crowd
 from nets.reconstruct.fibres.shapes.curves_paths import paths_of, section_of
 from nets.reconstruct.methods import create
 from tests.nets.reconstruct.cameras import blurring, through_lens
@@ -176,7 +176,15 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
         return rough.expand(len(images), N, N).clone()
 
     monkeypatch.setattr(answers_module, "Replayed", lambda module: answers)
-    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.are_rather_curved", lambda *_: True)
+    monkeypatch.setattr("nets.reconstruct.fibres.search.line_search.DOING_WELL", 0.0)
+    asked = []
+
+    def are_rather(self):
+        asked.append(self)
+        self.are_rather = True
+        return True
+
+    monkeypatch.setattr(Curved, "__call__", are_rather)
     weights = saved("direct", scene=SCENE)
     about = {"weights": weights, "symmetries": False, "set_up": "known", "bench_uncertainty": False}
     found = create("fibres", SCENE, **about).reconstruct(image)
@@ -184,6 +192,7 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
     assert len(found.paths) == found.counters["fibres"] == found.counters["curves"]["lines"]
     assert error_um(torch.from_numpy(found.heights_m), heights) < 2.0
     assert {"curves", "without lines"} <= set(found.timings_s)
+    assert asked or found.counters["residual_of_fibres"] > found.counters["residual_of_network"]
 
     def interrupt(progress):
         if progress.stage == "fibres":
@@ -222,8 +231,13 @@ def test_what_no_line_tells_is_left(model):
 def test_straight_lines_are_not_rather_curved(model, heights):
     """Curves are told by straight lines so badly that it is worth while to ask."""
     sure = torch.full((N, N), 1e-6)
-    assert not are_rather_curved(model, LINES, model.heights(LINES), sure)
-    assert are_rather_curved(model, LINES[:0], heights, sure)
+    straight = Curved(model, LINES, model.heights(LINES), sure)
+    assert not straight.may_be and not straight() and not straight.are_rather
+    told, curved = model.shape, Curved(model, LINES[:0], heights, sure)
+    model.shape = told._replace(exponent=1.5)
+    assert curved.may_be and curved() and curved.are_rather
+    assert model.shape.exponent == 1.5, "they are asked in the middle of a search"
+    model.shape = told
 
 
 def test_a_crowd_ends_where_nothing_begins():
@@ -299,7 +313,7 @@ def test_straight_pieces_that_meet_are_asked_for_a_ring(monkeypatch, saved, mode
     monkeypatch.setattr(
         answers_module, "Replayed", lambda module: lambda images: heights.expand(len(images), N, N).clone()
     )
-    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.are_rather_curved", lambda *_: False)
+    monkeypatch.setattr("nets.reconstruct.fibres.lines_of_image.Curved", lambda *_: None)
     asked = []
 
     def taken(self, settled):

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from nets.reconstruct.fibres.image.descent import Fitted
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.growth import grown, pruned
-from nets.reconstruct.fibres.search.line_search import Answer, LineSearch
+from nets.reconstruct.fibres.search.line_search import FAINT_M, Answer, LineSearch
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.prints.model import LineModel
+from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 
@@ -86,7 +87,8 @@ def test_a_search_finds_what_is_missing_and_drops_what_is_not_there():
     start = torch.cat([LINES[:2] + 5e-5, spare])
     search = LineSearch(SCENE, seen(LINES), MODEL, 2 * N, jumps=1, iterations=15, answer=answer)
     found = search.run(start)
-    assert len(found) == 3 and error_um(found) < 1.0 < 20 < error_um(start)
+    # One too low to be seen may be left where no view of the image says that all is explained.
+    assert int((found[:, HEIGHT] > FAINT_M).sum()) == 3 and error_um(found) < 1.0 < 20 < error_um(start)
 
 
 def test_faint_lines_that_make_up_for_a_wrong_one_are_left():
@@ -133,3 +135,19 @@ def test_lines_that_leave_more_than_the_relief_they_are_of_are_given_up(monkeypa
     found = search.run(start)
     assert search.is_in_vain == is_in_vain and bool(finely) != is_in_vain
     assert len(found) and torch.equal(found, search.lines)
+
+
+@pytest.mark.parametrize(("loss", "asked", "others", "is_in_vain"), [
+    (0.1, 0, True, False), (0.9, 1, True, True), (0.9, 1, False, False), (1.1, 0, False, True),
+])  # fmt: skip
+def test_lines_that_do_not_do_well_give_way_to_others(loss, asked, others, is_in_vain):
+    """They are asked for where lines leave nearly what the network's relief does; not where that is clear anyhow."""
+    image, answer = seen(LINES), Answer(*answer_of(LINES))
+    calls = []
+    search = LineSearch(
+        SCENE, image, MODEL, 2 * N, jumps=1, answer=answer, gives_way=lambda: calls.append(1) is None and others
+    )
+    of_relief = search.coarse.loss(answer.relief_m)
+    assert search._is_in_vain(Fitted(LINES, loss * of_relief)) == is_in_vain and len(calls) == asked
+    search.gives_way = None
+    assert search._is_in_vain(Fitted(LINES, loss * of_relief)) == (loss > 1)
