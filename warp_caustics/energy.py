@@ -1,12 +1,13 @@
 """Where the light goes: no loss is silent."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 
-from warp_caustics.chunked import warp_stream
+from warp_caustics.chunked import CPU_SLOTS, on_all_cores, warp_stream
 from warp_caustics.errors import InputError
 from warp_caustics.kernels.trace import FATE_NAMES, MET_AGAIN
+from warp_caustics.photons import Chunk
 from warp_caustics.simulator import CausticSimulator
 
 FRESNEL = "fresnel"
@@ -17,6 +18,15 @@ MET_AGAIN_NAME = "met_again"
 
 OVER_BORDER = "over_border"
 """Key of a budget: light of footprints that reach over the border of the image."""
+
+
+class _Light(NamedTuple):
+    """Of a chunk of photons, per wavelength: light and paths of each fate, and light that is reflected or met again."""
+
+    light: torch.Tensor
+    paths: torch.Tensor
+    reflected: torch.Tensor
+    through: torch.Tensor | None = None
 
 
 def energy_budget(
@@ -53,23 +63,37 @@ def energy_budget(
     light = torch.zeros(channels, len(FATE_NAMES) + 1, dtype=torch.float64, device=engine.device)
     paths, reflected, through = torch.zeros_like(light), torch.zeros_like(light[:, 0]), torch.zeros_like(light[:, 0])
     batch = heights.detach().to(torch.float64)[None].contiguous()
+
+    def of_chunk(chunk: Chunk) -> _Light:
+        positions = engine.positions(chunk)
+        maps = engine.maps(coefficients, chunk, positions)
+        photons = engine.told(coefficients, engine.photons(positions))
+        landed = engine.land(maps, positions, photons)
+        passed = landed.energies[0] * landed.shares[0]
+        part = _Light(torch.zeros_like(light), torch.zeros_like(paths), (landed.energies[0] - passed).sum(1))
+        for fate in range(light.shape[1]):
+            is_fate = landed.fates[0] == fate
+            count = is_fate.sum(1)
+            part.paths[:, fate] = count
+            if bool(count.any()):  # most fates are nobody's, and light that is none takes as long to add up
+                part.light[:, fate] = torch.where(is_fate, passed, 0.0).sum(1)
+        if scene.second_hits != "passed":
+            return part
+        is_clear = engine.clear_paths(coefficients, photons)[0].bool()
+        return part._replace(through=torch.where(is_clear, 0.0, passed).sum(1))
+
     with warp_stream(engine.device):
         coefficients = engine.coefficients(batch)
-        for chunk, positions in engine.chunks(1):
-            maps = engine.maps(coefficients, chunk, positions)
-            photons = engine.told(coefficients, engine.photons(positions))
-            landed = engine.land(maps, positions, photons)
-            passed = landed.energies[0] * landed.shares[0]
-            reflected += (landed.energies[0] - passed).sum(1)
-            if scene.second_hits == "passed":
-                is_clear = engine.clear_paths(coefficients, photons)[0].bool()
-                through += torch.where(is_clear, 0.0, passed).sum(1)
-            for fate in range(light.shape[1]):
-                is_fate = landed.fates[0] == fate
-                count = is_fate.sum(1)
-                paths[:, fate] += count
-                if bool(count.any()):  # most fates are nobody's, and light that is none takes as long to add up
-                    light[:, fate] += torch.where(is_fate, passed, 0.0).sum(1)
+        if engine.device.type == "cpu":  # whose launches run on one core each, and share the memory
+            parts = on_all_cores(of_chunk, list(engine.parts(CPU_SLOTS)))
+        else:
+            parts = map(of_chunk, engine.parts(1))
+        for part in parts:
+            light += part.light
+            paths += part.paths
+            reflected += part.reflected
+            if part.through is not None:
+                through += part.through
     pixel_x, pixel_y = scene.pixel_size_m
     if scene.is_collimated and not scene.is_tilted:
         emitted = torch.full((channels,), scene.plate_area_m2 / (pixel_x * pixel_y), dtype=torch.float64)

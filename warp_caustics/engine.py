@@ -301,10 +301,13 @@ class Engine:
             return sorted_by_cell(positions, self.scene, is_spread=is_gpu)
         return positions
 
+    def parts(self, batch: int) -> Iterator[Chunk]:
+        """Chunks of photons for a batch of height fields in bounded memory."""
+        return self.plan.chunks(max(1, CHUNK_BYTES[self.device.type] // self._bytes_per_photon(batch)))
+
     def chunks(self, batch: int) -> Iterator[tuple[Chunk, torch.Tensor]]:
-        """Chunks of photons for a batch of height fields in bounded memory, with their positions [N, 2]."""
-        for chunk in self.plan.chunks(max(1, CHUNK_BYTES[self.device.type] // self._bytes_per_photon(batch))):
-            yield chunk, self.positions(chunk)
+        """The same with their positions [N, 2]."""
+        return ((chunk, self.positions(chunk)) for chunk in self.parts(batch))
 
     def _bytes_per_photon(self, batch: int) -> int:
         planes = len(MAP_NAMES) + self.scene.n_wavelengths
