@@ -312,12 +312,14 @@ class LinesOfImage:
             self.model.shape, self.is_left_alone = told, True
             return
         self.is_left_alone = self.is_crowd = are_crowd(start)
-        # What the relief tells is the nearest of a few sections.
-        self.moves_section = self.model.shape != told
         curved = Curved(self.model, start, heights, spread) if self._may_be_curved() else None
-        self.search(start, options.jumps, answer, is_first=True, gives_way=curved)
+        if curved is None or not (curved.meet and curved()):
+            # What the relief tells is the nearest of a few sections.
+            self.moves_section = self.model.shape != told
+            gives_way = None if curved is None or curved.meet else curved
+            self.search(start, options.jumps, answer, is_first=True, gives_way=gives_way)
         if curved is not None and curved.are_rather:
-            self.lines, self.model.shape = self.lines[:0], told
+            self.lines, self.model.shape, self.is_in_vain = self.lines[:0], told, True
 
     def _may_be_curved(self) -> bool:
         """Whether corners and curves are asked for amidst the search for straight lines, which takes a GPU no time."""

@@ -308,8 +308,8 @@ class Curved:
     """Whether lines with corners and curves tell a relief clearly better than straight ones do, nodes counted.
 
     Straight lines are looked for on an image for a minute and more on a CPU, in vain where they are none. Asked where
-    some of few lines end where others begin, which a crowd does by chance, or much is left. It takes a CPU as long as a
-    search for straight ones, so that it is asked once these do not do well.
+    some of few lines end where others begin, which a crowd does by chance; or much is left, and straight lines do not
+    do well on the image either: it takes a CPU longer than to see that.
 
     Args:
         model: of straight lines, with their section.
@@ -319,6 +319,7 @@ class Curved:
 
     Attributes:
         may_be: whether it is worth while to ask.
+        meet: whether some lines end where others begin.
         are_rather: whether lines were asked, and are.
     """
 
@@ -326,7 +327,8 @@ class Curved:
         self._model, self._shape, self._relief, self._spread = model, model.shape, relief_m, spread_m
         self._straight = unexplained(model, lines, relief_m, spread_m)
         much = ENOUGH * WELL_TOLD * relief_m.numel()
-        self.may_be = len(lines) <= MANY and (share_that_meet(lines) >= MEETING_SHARE or self._straight >= much)
+        self.meet = share_that_meet(lines) >= MEETING_SHARE
+        self.may_be = len(lines) <= MANY and (self.meet or self._straight >= much)
         self.are_rather = False
 
     def __call__(self) -> bool:

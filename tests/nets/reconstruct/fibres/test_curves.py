@@ -176,7 +176,6 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
         return rough.expand(len(images), N, N).clone()
 
     monkeypatch.setattr(answers_module, "Replayed", lambda module: answers)
-    monkeypatch.setattr("nets.reconstruct.fibres.search.line_search.DOING_WELL", 0.0)
     asked = []
 
     def are_rather(self):
@@ -192,7 +191,7 @@ def test_the_method_finds_them(monkeypatch, saved, heights, image):
     assert len(found.paths) == found.counters["fibres"] == found.counters["curves"]["lines"]
     assert error_um(torch.from_numpy(found.heights_m), heights) < 2.0
     assert {"curves", "without lines"} <= set(found.timings_s)
-    assert asked or found.counters["residual_of_fibres"] > found.counters["residual_of_network"]
+    assert asked, "some end where others begin"
 
     def interrupt(progress):
         if progress.stage == "fibres":
