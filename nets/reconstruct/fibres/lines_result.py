@@ -90,9 +90,8 @@ def _left_open_by_bench(run: Run, heights_m: FloatArray, left: float | None) -> 
     if _is_by_noise(run):
         unsure = np.hypot(unsure, left_open_by_simulation(heights_m, scene))
     if run.view is not run.told and left is not None and left > CLEAN:
-        unsure = np.hypot(
-            unsure, left_open_by_unclear_bench(heights_m, numbers.scene, numbers.scene_of(run.bench.values))
-        )
+        there = numbers.scene_of(run.bench.values)
+        unsure = np.hypot(unsure, left_open_by_unclear_bench(heights_m, numbers.scene, there, left))
     return unsure
 
 

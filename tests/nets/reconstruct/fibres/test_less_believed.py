@@ -21,7 +21,7 @@ from nets.reconstruct.fibres.bench.less_believed import (
 )
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from nets.reconstruct.fibres.trust.beliefs import UNCLEAR_SHARE, left_open_by_hint, left_open_by_unclear_bench
+from nets.reconstruct.fibres.trust.beliefs import NO_BENCH, UNCLEAR_SHARE, left_open_by_hint, left_open_by_unclear_bench
 from tests.nets.reconstruct.fibres.test_gap_of_lines import (
     LINES,
     SCENE,
@@ -222,9 +222,9 @@ def test_a_bench_that_is_hinted_at_is_no_bench_but_a_doubt(model, monkeypatch):
 def test_a_found_bench_that_leaves_more_than_noise_may_be_none():
     there = with_optical_values(SCENE, {"gap_m": 2e-4})
     heights = np.array([[0.0, 4e-4], [8e-4, 0.0]])
-    apart = left_open_by_unclear_bench(heights, SCENE, there)
+    apart = left_open_by_unclear_bench(heights, SCENE, there, 1.5)
     on_told = ThinRelief.of(SCENE).unbent(ThinRelief.of(there).bent(heights))
     np.testing.assert_allclose(apart, UNCLEAR_SHARE * (on_told - heights))
-    assert (apart[heights > 0] > 0.015 * heights[heights > 0]).all() and not left_open_by_unclear_bench(
-        heights, there, there
-    ).any()
+    np.testing.assert_allclose(left_open_by_unclear_bench(heights, SCENE, there, NO_BENCH), on_told - heights)
+    assert (apart[heights > 0] > 0.015 * heights[heights > 0]).all()
+    assert not left_open_by_unclear_bench(heights, there, there, NO_BENCH).any()
