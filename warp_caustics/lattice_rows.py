@@ -76,7 +76,8 @@ class LatticeRows:
         touched = torch.from_numpy(_touched(changes.numpy()))
         kernel = row_kernels(self._kind, optics.effects).splat_changes
         everything = Chunk(0, plan.count, 0, plan.rows)
-
+        # Asked for once: cores that made them at the same time would free what another one reads.
+        photons = photons_of(everything, coefficients)
         at_once = min(CHANGES, -(-len(changes) // STRIPS))
 
         def add(begin: int) -> None:
@@ -85,7 +86,7 @@ class LatticeRows:
             both, part = torch.cat([first, first + changes[some]]), image[some]
             # All rows are set to zero already: none wait for whoever comes to them first.
             rows = torch.tensor([[0, m]] * len(part), dtype=torch.int32)
-            inputs = [warp_array(touched[some]), photons_of(everything, both), warp_array(_bounds(both, optics))]
+            inputs = [warp_array(touched[some]), photons, warp_array(_bounds(both, optics))]
             outputs = [warp_array(part), wp.from_torch(rows, return_ctype=True)]
             self._launch(kernel, both, len(part), everything, inputs, outputs)
 

@@ -135,12 +135,24 @@ def test_changes_are_found_together_as_one_by_one(monkeypatch):
     assert together.shape == (5, SCENE.n_wavelengths, SCENE.image_pixels, SCENE.image_pixels)
     assert torch.equal(torch.stack([simulator.change(first, one) for one in others]), together)
     assert not together[-1].any()
+    # Those of whole reliefs come to the border, too, where footprints reach over the sides.
+    expected = simulator(others) - simulator(first)
+    assert float((together - expected).norm()) < 1e-3 * float(expected.norm())
     apart = others.roll(1, 0)
     pairs = simulator.change(apart, others)
     assert torch.equal(torch.stack([simulator.change(*pair) for pair in zip(apart, others, strict=True)]), pairs)
     monkeypatch.setattr(lattice_rows, "STRIPS", 2)
     assert torch.equal(simulator.change(first, others), together)
     assert torch.equal(simulator.change(apart, others), pairs)
+
+
+def test_cores_share_the_photons_of_changes(monkeypatch):
+    """Each that made its own would free those of another, which reads them by their address."""
+    simulator = CausticSimulator(SCENE, n_photons=96**2)
+    first, asked, photons = relief(SCENE, 1, torch.float32)[0], [], simulator.engine.fused_photons
+    monkeypatch.setattr(simulator.engine, "fused_photons", lambda *about: asked.append(about) or photons(*about))
+    simulator.change(first, torch.stack(20 * [in_a_place(SCENE, first)]))
+    assert len(asked) == 1
 
 
 def test_of_a_change_only_light_that_it_touches_is_looked_at():
