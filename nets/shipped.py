@@ -200,10 +200,19 @@ def _loaded(fit: Fit, warnings: tuple[str, ...], device: str | torch.device) -> 
 
 
 def _sharing(module: nn.Module) -> nn.Module:
-    """The same network of the same weights in memory: who brings it elsewhere, or into another order, takes a copy."""
-    weights: dict[int, Any] = {id(each): each.detach() for each in module.buffers()}
-    weights |= {id(each): nn.Parameter(each.detach(), requires_grad=False) for each in module.parameters()}
-    return copy.deepcopy(module, weights)
+    """The same network of the same weights in memory: who brings it elsewhere, or into another order, takes a copy.
+
+    Modules are copied one by one; to look through all that they hold for what to copy takes a GPU's plate 0.1 s.
+    """
+    twin = copy.copy(module)
+    twin.__dict__ |= {name: copy.copy(value) for name, value in vars(module).items() if isinstance(value, dict)}
+    for name, weight in module.named_parameters(recurse=False):
+        twin._parameters[name] = nn.Parameter(weight.detach(), requires_grad=False)
+    for name, value in module.named_buffers(recurse=False):
+        twin._buffers[name] = value.detach()
+    for name, child in module.named_children():
+        twin._modules[name] = _sharing(child)
+    return twin
 
 
 def _info(path: Path) -> WeightsInfo:

@@ -4,6 +4,8 @@ Exact, from a relief that is known. :mod:`warp_caustics.reconstruct.folds` estim
 are any.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import torch
 
@@ -60,14 +62,24 @@ def fold_bins() -> tuple[str, ...]:
 
 
 def jacobian_determinants(heights_m: FloatArray, scene: Scene) -> FloatArray:
-    """Jacobian determinant of the map plate -> screen on a grid, shape [2 n, 2 n]; NaN at total reflection."""
-    points, height, slope, bend = _surface(heights_m.astype(np.float64), scene)
+    """Jacobian determinant of the map plate -> screen on a grid, shape [2 n, 2 n]; NaN at total reflection.
+
+    Of the relief that was asked for last they are known; not to be written to.
+    """
+    return _determinants(np.ascontiguousarray(heights_m, np.float64).tobytes(), heights_m.shape, scene)
+
+
+@lru_cache(maxsize=1)
+def _determinants(relief: bytes, shape: tuple[int, ...], scene: Scene) -> FloatArray:
+    heights_m = np.frombuffer(relief, np.float64).reshape(shape)
+    points, height, slope, bend = _surface(heights_m, scene)
     chunks = [
         _determinant(points[part], height[part], slope[part], bend[part], scene)
         for part in (slice(first, first + CHUNK) for first in range(0, len(points), CHUNK))
     ]
     side = POINTS_PER_SAMPLE * scene.height_samples
     found: FloatArray = torch.cat(chunks).reshape(side, side).numpy()
+    found.flags.writeable = False
     return found
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import torch
 
 from warp_caustics.camera.mosaic import CHANNELS, demosaicked, filter_mask, mosaicked
+from warp_caustics.types import FloatArray
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 FOUND_RATIO = 0.5
@@ -19,7 +20,7 @@ their flat frames, 0 to 0.04; of the same without 0.994 to 1."""
 LEAST_STRUCTURE = 1e-3
 """Of the image's mean that the second pattern must leave: without structure nothing tells them apart."""
 BORDER_PX = 4
-"""That does not count: there neighbours are made up, too."""
+"""That does not count: there neighbours are made up, too. Even, so that parities within are those of the image."""
 
 
 def found_pattern(irradiance: npt.NDArray[np.floating]) -> str | None:
@@ -31,15 +32,51 @@ def found_pattern(irradiance: npt.NDArray[np.floating]) -> str | None:
     """
     if irradiance.shape[0] != len(CHANNELS) or min(irradiance.shape[1:]) < 4 * BORDER_PX:
         return None
-    image = torch.as_tensor(np.asarray(irradiance, np.float64))
-    inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
-    left = {
-        pattern: float((image - demosaicked(mosaicked(image, pattern), pattern))[inside].square().mean().sqrt())
-        for pattern in PATTERNS
-    }
+    left = _left_by_patterns(np.asarray(irradiance, np.float64))
     best, second = sorted(PATTERNS, key=left.__getitem__)[:2]
-    is_clear = left[second] > LEAST_STRUCTURE * float(image.abs().mean()) and left[best] < FOUND_RATIO * left[second]
+    is_clear = left[second] > LEAST_STRUCTURE * float(np.abs(irradiance).mean(dtype=np.float64)) and left[best] < FOUND_RATIO * left[second]
     return best if is_clear else None
+
+
+def _left_by_patterns(image: FloatArray) -> dict[str, float]:
+    """Root mean square that each pattern's demosaicing leaves of an image within its border.
+
+    Made up are means of two neighbours along a row or a column, of four along diagonals, or, for green, of both rows
+    and columns. Which of these a pixel is depends on the pattern alone, so that what each would leave is asked once.
+
+    Args:
+        image: shape [3, H, W].
+    """
+    made_up = [_squares_of_places(channel) for channel in image]
+    pixels = image[:, BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].size
+
+    def squares(pattern: str) -> float:
+        total = 0.0
+        for place, name in enumerate(pattern):
+            (y, x), kinds = divmod(place, 2), made_up[CHANNELS.index(name)]
+            if name == "g":  # on two places of four; of each the pixel beside it in its row is made up
+                total += kinds["cross"][y, 1 - x]
+            else:
+                total += kinds["row"][y, 1 - x] + kinds["column"][1 - y, x] + kinds["diagonal"][1 - y, 1 - x]
+        return total
+
+    return {pattern: float(np.sqrt(squares(pattern) / pixels)) for pattern in PATTERNS}
+
+
+def _squares_of_places(channel: FloatArray) -> dict[str, FloatArray]:
+    """Of pixels less the means of their neighbours, sums of squares by parity of row and column, each shape [2, 2]."""
+    height, width = channel.shape
+
+    def moved(down: int, right: int) -> FloatArray:
+        rows, columns = BORDER_PX + down, BORDER_PX + right
+        return channel[rows : height - 2 * BORDER_PX + rows, columns : width - 2 * BORDER_PX + columns]
+
+    inside, beside = moved(0, 0), moved(0, -1) + moved(0, 1)
+    above = moved(-1, 0) + moved(1, 0)
+    across = moved(-1, -1) + moved(-1, 1) + moved(1, -1) + moved(1, 1)
+    means = {"row": beside / 2, "column": above / 2, "cross": (beside + above) / 4, "diagonal": across / 4}
+    left = {kind: np.square(inside - mean) for kind, mean in means.items()}
+    return {kind: np.array([[each[y::2, x::2].sum() for x in (0, 1)] for y in (0, 1)]) for kind, each in left.items()}
 
 
 def own_pixels(pattern: str, pixels: int) -> npt.NDArray[np.bool_]:

@@ -9,7 +9,9 @@ import torch
 from warp_caustics.camera.mosaic import demosaicked, mosaicked
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.colour_filters import (
+    BORDER_PX,
     PATTERNS,
+    _left_by_patterns,
     found_pattern,
     moved_pixels,
     of_one_filter,
@@ -44,6 +46,14 @@ def taken(image, pattern):
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_filters_are_found_as_they_lie(pattern):
     assert found_pattern(taken(picture(), pattern)) == pattern
+
+
+@pytest.mark.parametrize("shape", [(3, 16, 16), (3, 33, 40)])
+def test_what_patterns_leave_is_what_demosaicing_does(shape):
+    image = np.random.default_rng(3).random(shape)
+    inside = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
+    for pattern, left in _left_by_patterns(image).items():
+        assert left == pytest.approx(np.sqrt(np.square((image - taken(image, pattern))[inside]).mean()), rel=1e-12)
 
 
 def test_a_flat_frame_of_its_own_does_not_hide_them():

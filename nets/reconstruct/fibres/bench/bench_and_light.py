@@ -121,9 +121,19 @@ class ShownLight(NamedTuple):
     def by(cls, numbers: BenchNumbers, bench: Bench, device: torch.device) -> "ShownLight":
         """By a bench (:func:`lit`)."""
         stray = bench.values.get(AMBIENT, numbers.before[AMBIENT])
-        light = bench.light(numbers.scene.image_pixels) / (1 + stray)
-        parts = light / flat_ratio(numbers, bench), stray * light
-        return cls(*(torch.tensor(each, dtype=torch.float64, device=device) for each in parts))
+        light = _light_on(tuple(bench.field.tolist()), numbers.scene.image_pixels, device) / (1 + stray)
+        if _is_parallel(numbers, bench):
+            return cls(light, stray * light)
+        return cls(light / torch.from_numpy(flat_ratio(numbers, bench)).to(light), stray * light)
+
+
+@lru_cache(maxsize=2)
+def _light_on(field: tuple[float, ...], pixels: int, device: torch.device) -> torch.Tensor:
+    """:meth:`Bench.light` on a device: other benches have the same, and to bring it there takes longer than a picture.
+
+    Not to be written to.
+    """
+    return torch.tensor(Bench({}, np.array(field)).light(pixels), dtype=torch.float64, device=device)
 
 
 def field_modes(channels: int, pixels: int) -> FloatArray:

@@ -28,7 +28,7 @@ import numpy as np
 import torch
 
 from nets.reconstruct.fibres.bench import lens_numbers
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, field_modes
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, field_modes_on
 from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.gap_fits import pulled_aside
@@ -136,7 +136,7 @@ class NoiseSteps:
         self._finer = max(2, min(self.effort.finer, MOST_COMPARED_PIXELS // fine_pixels(self._pixels)))
         self._misfit = NoiseMisfit(view, ShownLight.by(self.numbers, run.bench, self.device))
         channels = self.numbers.scene.n_wavelengths
-        self._field = torch.from_numpy(field_modes(channels, self._pixels)).to(self._misfit.measured)
+        self._field = field_modes_on(channels, self._pixels, self.device).to(self._misfit.measured)
         self._widths = np.array([*(p.prior for p in self.numbers.parameters), *[FIELD_WIDTH] * len(self._field)])
         self._before = np.array([self.numbers.before[name] for name in self.numbers.names])
         self.told = Told()
