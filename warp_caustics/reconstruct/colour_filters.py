@@ -34,7 +34,10 @@ def found_pattern(irradiance: npt.NDArray[np.floating]) -> str | None:
         return None
     left = _left_by_patterns(np.asarray(irradiance, np.float64))
     best, second = sorted(PATTERNS, key=left.__getitem__)[:2]
-    is_clear = left[second] > LEAST_STRUCTURE * float(np.abs(irradiance).mean(dtype=np.float64)) and left[best] < FOUND_RATIO * left[second]
+    is_clear = (
+        left[second] > LEAST_STRUCTURE * float(np.abs(irradiance).mean(dtype=np.float64))
+        and left[best] < FOUND_RATIO * left[second]
+    )
     return best if is_clear else None
 
 

@@ -62,6 +62,8 @@ def test_methods_share_what_was_read_and_none_changes_what_another_has(monkeypat
     assert len(read) == 1
     before = weights_of(second.module)
     assert not second.module.training and not any(each.requires_grad for each in second.module.parameters())
+    first.module.register_forward_hook(lambda *_: None)
+    assert not second.module._forward_hooks
     first.module.to(torch.float64).train()
     for weight in first.module.parameters():
         weight.data.zero_()

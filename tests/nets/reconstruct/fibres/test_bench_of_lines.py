@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.fibres.bench.bench_and_light import Bench, field_modes, lit, seen_on, stretched
+from nets.reconstruct.fibres.bench.bench_and_light import Bench, ShownLight, field_modes, lit, seen_on, stretched
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines, numbers_of_lines
 from nets.reconstruct.fibres.bench.line_posterior import (
     JointCovariance,
@@ -222,6 +222,19 @@ def test_light_of_a_bench_is_the_sum_of_its_patterns():
         bench = dataclasses.replace(Bench.told(numbers()), field=amplitudes)
         expected = 1 + np.tensordot(amplitudes, field_modes(3, 16), 1)
         np.testing.assert_allclose(bench.light(16), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("values", [{}, {"ambient": 0.03}, {"ambient": 0.03, "vergence_per_m": 2.0}])
+def test_what_is_shown_by_a_bench_is_lit_by_it(values):
+    """Whichever bench was asked for before."""
+    shown = np.random.default_rng(1).uniform(0.5, 2.0, (3, 4 * N, 4 * N))
+    told = Bench.told(numbers())
+    for seed in (0, 1, 0):
+        field = np.random.default_rng(seed).uniform(-0.1, 0.1, len(told.field))
+        bench = dataclasses.replace(told, values=told.values | values, field=field)
+        by = ShownLight.by(numbers(), bench, torch.device("cpu"))
+        expected = lit(shown, numbers(), bench, np.ones(3))
+        np.testing.assert_allclose(torch.from_numpy(shown) * by.factor + by.added, expected, rtol=1e-12)
 
 
 def test_gradient_by_what_is_beside():
