@@ -18,7 +18,7 @@ TILE = 16
 
 @wp.struct
 class ChainSection:
-    """What all lines have in common: see :class:`~warp_caustics.prints.model.Shape`, but for thicker ends."""
+    """What all lines have in common: see :class:`~warp_caustics.prints.line_shape.Shape`, but for thicker ends."""
 
     exponent: wp.float32
     parabola: wp.float32

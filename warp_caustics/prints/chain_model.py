@@ -11,7 +11,8 @@ from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.determinism import is_deterministic
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.chain_kernels import BLOCK, TILE, ChainSection, chain_heights, chain_heights_adjoint
-from warp_caustics.prints.model import LineModel, section_edge
+from warp_caustics.prints.line_shape import section_edge
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import by_each, relief_of
 from warp_caustics.types import FloatArray
 

@@ -253,7 +253,7 @@ class _DesignFit:
         chosen = list(numbers)
         rows = self.designed[chosen] + (found[:, 1:, None] * self.across[chosen, :2]).sum(dim=1)
         rows[:, HEIGHT] = 1.0
-        return self.model.parts(rows)[0]
+        return self.model.each(rows)
 
     def _losses(self, residual: torch.Tensor) -> torch.Tensor:
         return CHARBONNIER.value((residual / self.sigma).square())

@@ -16,7 +16,8 @@ from warp_caustics.chunked import warp_stream
 from warp_caustics.cuda_graph import recorded
 from warp_caustics.kernels.runtime import start_warp
 from warp_caustics.prints.fit_kernels import lines_alone, weigh_each, weigh_together
-from warp_caustics.prints.model import LineModel, section_edge
+from warp_caustics.prints.line_shape import section_edge
+from warp_caustics.prints.model import LineModel
 
 COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 28, 32, 40, 48, 64)
 """Lines that there are graphs for; fewer are told with others that are nowhere."""

@@ -37,7 +37,7 @@ def section_height(
 @no_type_check
 @wp.func
 def line_section(exponent: wp.float32, parabola: wp.float32, t: wp.float32):
-    """Height of a line relative to its crown, and its derivative by t = 2 r / w [1]; model.line_section in float32.
+    """Height of a line relative to its crown, and its derivative by t = 2 r / w [1]; as in line_shape.py, in float32.
 
     ((1 - p) cos(pi t / 2)^2 + p (1 - t^2))^g: cosines where the share p of the parabola is 0, parabolas where it is 1.
     """

@@ -230,13 +230,14 @@ def line_derivatives(
     heights: wp.array3d[wp.float32],
     derivatives: wp.array4d[wp.float32],
 ):
-    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS), and derivatives [L, 6, n, n] [1]."""
+    """Heights [L, n, n] [m] of single lines [L, 6] (LINE_COLUMNS); derivatives [L, 6, n, n] [1] if there is room."""
     k, i, j = wp.tid()
     pitch, ends = wp.vec2(pitch_x, pitch_y), wp.vec2(thicker, end)
     found = line_cell(lines, k, i, j, exponent, parabola, edge, is_cap, ends, pitch, samples, supersampling)
     heights[k, i, j] = found[0]
-    for number in range(6):
-        derivatives[k, number, i, j] = found[number + 1]
+    if k < derivatives.shape[0]:
+        for number in range(6):
+            derivatives[k, number, i, j] = found[number + 1]
 
 
 @no_type_check
@@ -264,5 +265,6 @@ def line_derivatives_by_row(
     for j in range(columns[0], columns[1]):
         found = line_cell(lines, k, i, j, exponent, parabola, edge, is_cap, ends, pitch, samples, supersampling)
         heights[k, i, j] = found[0]
-        for number in range(6):
-            derivatives[k, number, i, j] = found[number + 1]
+        if k < derivatives.shape[0]:
+            for number in range(6):
+                derivatives[k, number, i, j] = found[number + 1]

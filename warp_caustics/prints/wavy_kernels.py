@@ -13,7 +13,7 @@ from warp_caustics.prints.kernels import across, cell_point, segment_gap, steep_
 
 @wp.struct
 class WavySection:
-    """What all lines have in common: see :class:`~warp_caustics.prints.model.Shape`, whose kernels take the same."""
+    """What all lines have in common: see :class:`~warp_caustics.prints.line_shape.Shape`; its kernels take the same."""
 
     exponent: wp.float32
     parabola: wp.float32

@@ -8,7 +8,8 @@ import warp as wp
 from warp_caustics.chunked import warp_array, warp_stream
 from warp_caustics.determinism import is_deterministic
 from warp_caustics.kernels.runtime import start_warp
-from warp_caustics.prints.model import LineModel, section_edge
+from warp_caustics.prints.line_shape import section_edge
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import by_each, relief_of
 from warp_caustics.prints.wavy_kernels import WavySection, wavy_heights, wavy_heights_adjoint
 

@@ -24,7 +24,8 @@ class FibresOptions(DirectOptions):
 
     profile: Section | Literal["found"] = "found"
     """Of a line across; ``found`` takes the cosine unless another section, or lines that merge where they cross,
-    explains the image better, and finds its two numbers with the lines (:class:`~warp_caustics.prints.model.Shape`)."""
+    explains the image better, and finds its two numbers with the lines
+    (:class:`~warp_caustics.prints.line_shape.Shape`)."""
     jumps: Annotated[int, Field(ge=0, le=20)] = 3
     """Rounds in which lines are added, removed and jump, at most."""
     looks: Annotated[int, Field(ge=0, le=10)] | None = None

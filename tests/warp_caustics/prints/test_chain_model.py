@@ -7,7 +7,8 @@ import torch
 from warp_caustics.prints.chain_kernels import BLOCK
 from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.curves import bezier_points, meander_points, ring_points
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.paths import paths_relief, uniform_path
 from warp_caustics.scene import Scene
 

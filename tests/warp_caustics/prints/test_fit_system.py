@@ -8,7 +8,8 @@ from warp_caustics.prints import fit_system as module
 from warp_caustics.prints.fit import GEMAN_MCCLURE, fit_lines, normal_equations
 from warp_caustics.prints.fit_each import _each_alone, fit_each
 from warp_caustics.prints.fit_system import COUNTS, MOST_BYTES, fit_system
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.overlap import share
 from warp_caustics.scene import Scene
 

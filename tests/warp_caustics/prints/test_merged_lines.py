@@ -6,7 +6,8 @@ import torch
 
 from data_gen.reliefs import printed_relief
 from data_gen.variety import PrintTraits
-from warp_caustics.prints.model import HEIGHT, LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.scene import Scene
 
 SCENE = Scene(height_samples=32, image_pixels=64)

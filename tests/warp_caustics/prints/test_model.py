@@ -7,7 +7,8 @@ import torch
 from warp_caustics.prints.chains import chains_of
 from warp_caustics.prints.imperfections import thick_ends
 from warp_caustics.prints.line import SECTIONS, line_relief
-from warp_caustics.prints.model import LineModel, Shape, half_height, line_section, lines_of, rows_of, section_edge
+from warp_caustics.prints.line_shape import Shape, half_height, line_section, section_edge
+from warp_caustics.prints.model import LineModel, lines_of, rows_of
 from warp_caustics.prints.paths import PrintedPath, path_of_line, paths_relief
 from warp_caustics.prints.sections import CrossSection, cap_contact_angle_rad
 from warp_caustics.scene import Scene
@@ -127,8 +128,17 @@ def test_derivatives_of_caps(proportion, points, exact, number):
     assert (difference - derivative).norm() <= exact * difference.norm()
 
 
+@pytest.mark.parametrize("count", [1, 2, 15])
+def test_heights_alone_are_those_beside_derivatives(count):
+    """However many cores share the lines."""
+    model, lines = LineModel(SCENE), LINES.repeat(8, 1)[:count]
+    heights, derivatives = model.parts(lines)
+    assert torch.equal(model.each(lines), heights) and all(each.any() for each in derivatives)
+
+
 def test_no_lines():
     model = LineModel(SCENE)
+    assert model.each(torch.zeros(0, 6, dtype=torch.float64)).shape == (0, 64, 64)
     heights, derivatives = model.parts(torch.zeros(0, 6, dtype=torch.float64))
     assert heights.shape == (0, 64, 64) and derivatives.shape == (0, 6, 64, 64)
     assert not model.heights(torch.zeros(0, 6, dtype=torch.float64)).any()

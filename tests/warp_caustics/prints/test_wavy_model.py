@@ -7,7 +7,8 @@ import torch
 from warp_caustics.determinism import VARIABLE
 from warp_caustics.prints.chains import chains_of
 from warp_caustics.prints.imperfections import WEIGHTS, wavy
-from warp_caustics.prints.model import LineModel, Shape, lines_of
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel, lines_of
 from warp_caustics.prints.paths import PrintedPath, paths_relief
 from warp_caustics.prints.wavy_model import KNOT_M, WavyModel, knot_counts
 from warp_caustics.scene import Scene

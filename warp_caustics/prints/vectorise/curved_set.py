@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_caustics.prints.model import LineModel, half_height
+from warp_caustics.prints.line_shape import half_height
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.smooth_chains import Track
 from warp_caustics.prints.vectorise.curved_ends import cuts, meetings, without_stretch
 from warp_caustics.prints.vectorise.curved_fit import CurvedFit

@@ -105,7 +105,7 @@ class LineSet:
         if not len(starts):
             return starts, np.inf
         fitted, losses = fit_each(self.model, starts, rest, self.sigma, iterations=8, below=enough)
-        parts = self.model.parts(fitted)[0].flatten(1)
+        parts = self.model.each(fitted).flatten(1)
         parts = parts / parts.norm(dim=1, keepdim=True).clamp_min(1e-12)
         alike = (parts @ parts.T).cpu()
         order = losses.argsort().tolist()
@@ -118,7 +118,7 @@ class LineSet:
 
     def _promising(self, rest: torch.Tensor, ridges: torch.Tensor) -> torch.Tensor:
         """Those of the lines that lower the loss most as they are."""
-        heights = self.model.parts(ridges)[0]
+        heights = self.model.each(ridges)
         squared = ((rest - heights) / self.sigma).square()
         loss = (squared / (1 + squared)).flatten(1).sum(dim=1)
         return ridges[loss.cpu().argsort()[:FITTED_PROPOSALS]]
@@ -163,7 +163,7 @@ class LineSet:
                 if alone > enough + GIVEN_UP_LOSS:
                     continue
                 others = [k for k in range(len(parts)) if k not in pair]
-                near = self._near(self.model.parts(line[None])[0][0], parts[others])
+                near = self._near(self.model.each(line[None])[0], parts[others])
                 still = [k for at, k in enumerate(others) if at not in set(near)]
                 lines = torch.cat([self.lines[others], line[None]])
                 lines, loss = self._fitted(lines, [*near, len(others)], still, 8, enough)
@@ -219,7 +219,7 @@ class _Shown:
     @cached_property
     def parts(self) -> torch.Tensor:
         """Heights [m], shape [L, n, n]."""
-        return self._model.parts(self.lines)[0]
+        return self._model.each(self.lines)
 
     @cached_property
     def alike(self) -> list[list[float]]:

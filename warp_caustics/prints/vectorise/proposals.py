@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy  # loads its parts when they are first used
 
-from warp_caustics.prints.model import Shape, half_height
+from warp_caustics.prints.line_shape import Shape, half_height
 from warp_caustics.types import FloatArray, IntArray
 
 ANGLES = 24

@@ -29,7 +29,8 @@ from warp_caustics.errors import InputError
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import SIGNIFICANT
 from warp_caustics.found_bench.thin_relief import ThinRelief
-from warp_caustics.prints.model import HEIGHT, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import HEIGHT
 from warp_caustics.scene import Scene
 from warp_caustics.setup.parameter import Parameter
 

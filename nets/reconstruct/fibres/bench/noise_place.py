@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import Bench
-from warp_caustics.prints.model import Shape
+from warp_caustics.prints.line_shape import Shape
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.types import FloatArray
 

@@ -8,7 +8,8 @@ derivatives the covariance is its inverse, of which the lens's rows and columns 
 import numpy as np
 
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
-from warp_caustics.prints.model import COSINE_HALF, WIDTH, Shape, half_height
+from warp_caustics.prints.line_shape import COSINE_HALF, Shape, half_height
+from warp_caustics.prints.model import WIDTH
 from warp_caustics.types import FloatArray
 
 RIDGE = 1e-9

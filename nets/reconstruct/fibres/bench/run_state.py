@@ -9,7 +9,8 @@ from nets.reconstruct.fibres.bench.bench_and_light import Bench
 from nets.reconstruct.fibres.bench.line_posterior import JointCovariance
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 
 
 class LinesRun(Protocol):

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from warp_caustics.prints.model import COSINE_HALF, WIDTH, LineModel, Shape, half_height
+from warp_caustics.prints.line_shape import COSINE_HALF, Shape, half_height
+from warp_caustics.prints.model import WIDTH, LineModel
 from warp_caustics.types import FloatArray
 
 STEPS = (0.00125, 0.02, 0.02, 0.01, 2e-5, 1e-3)

@@ -72,6 +72,6 @@ def within(model: LineModel, place: Place, radius_m: float) -> torch.Tensor:
 
 def reaching(model: LineModel, lines: torch.Tensor, place: Place, radius_m: float) -> list[int]:
     """Indices of lines [L, 6] [m] that have relief within a place."""
-    is_there = (model.parts(lines)[0] > 0) & within(model, place, radius_m)
+    is_there = (model.each(lines) > 0) & within(model, place, radius_m)
     found: list[int] = is_there.flatten(1).any(1).nonzero()[:, 0].tolist()
     return found

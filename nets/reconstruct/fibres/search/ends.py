@@ -83,13 +83,13 @@ def ends_moved(fit: ImageFit, lines: torch.Tensor, place: tuple[float, float]) -
     model, ends = fit.model, ends_near(lines, place)
     if not ends:
         return []
-    versions = [torch.stack([stretched(lines[k], column, by) for by in STRETCHES_M]) for k, column in ends]
+    versions = [stretched(lines[k], column, lines.new_tensor(STRETCHES_M)[:, None]) for k, column in ends]
     rest = without(lines, [k for k, _ in ends])
     ways = list(itertools.product(range(len(STRETCHES_M)), repeat=len(ends)))
     if model.shape.overlap == 1:
         total = model.heights(rest)[None]
         for version in versions:
-            total = (total[:, None] + model.parts(model.clamped(version))[0]).flatten(0, 1)
+            total = (total[:, None] + model.each(model.clamped(version))).flatten(0, 1)
     else:
         moved_ends = [torch.stack([version[k] for version, k in zip(versions, way, strict=True)]) for way in ways]
         total = model.with_each(rest, model.clamped(torch.stack(moved_ends)))

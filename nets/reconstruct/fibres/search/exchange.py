@@ -41,7 +41,7 @@ def exchanged(fit: ImageFit, mine: torch.Tensor, theirs: torch.Tensor) -> Fitted
         theirs: shape [M, 6] [m], of the same section.
     """
     model, best = fit.model, Fitted(mine, fit.loss(fit.model.heights(mine)))
-    groups = rivals(model.parts(mine)[0], model.parts(theirs)[0])
+    groups = rivals(model.each(mine), model.each(theirs))
     origin = list(range(len(mine)))  # of the lines so far; what came from the other has none
 
     def without(group: Rivals) -> list[int]:

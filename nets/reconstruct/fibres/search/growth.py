@@ -133,7 +133,7 @@ def proposals(
 def pruned(fit: ImageFit, lines: torch.Tensor) -> Fitted:
     """Lines without those that the image does not miss, the least first."""
     current, kept = fit.loss(fit.model.heights(lines)), list(range(len(lines)))
-    asked = fit.model.parts(lines)[0].flatten(1).sum(dim=1).argsort().tolist()
+    asked = fit.model.each(lines).flatten(1).sum(dim=1).argsort().tolist()
     while asked:
         without = fit.model.heights_without_each(lines[kept])
         losses = fit.losses(without[[kept.index(k) for k in asked]], fit.model.heights(lines[kept]))

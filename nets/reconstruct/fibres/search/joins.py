@@ -93,28 +93,43 @@ def gaps_between(lines: torch.Tensor) -> list[Gap]:
     found = []
     ratios = lines[:, None, WIDTH:] / lines[None, :, WIDTH:]
     alike = torch.maximum(ratios, 1 / ratios).amax(-1) <= ALIKE_FACTOR
-    for i, j in alike.triu(1).nonzero().tolist():
-        first, second = lines[i], lines[j]
-        ends = torch.cat([first[:4].reshape(2, 2), second[:4].reshape(2, 2)])
-        along, off = _along(ends)
-        if float(off.max()) > OFF_LINE * float(torch.minimum(first[WIDTH], second[WIDTH])):
-            continue
-        low, high = along.reshape(2, 2).amin(1), along.reshape(2, 2).amax(1)
-        gap = float(low.max() - high.min())
-        if gap < -OVERLAP_M:
-            continue
-        inner = ends[[int((along - at).abs().argmin()) for at in (low.max(), high.min())]]
-        found.append(Gap((i, j), inner.mean(0), max(gap, 0.0) / 2))
+    pairs = alike.triu(1).nonzero()
+    ends, along, off = _of_pairs(lines, pairs)
+    gaps = _gaps(along)
+    thinner = lines[pairs, WIDTH].amin(1)
+    for k in ((off <= OFF_LINE * thinner) & (gaps >= -OVERLAP_M)).nonzero()[:, 0].tolist():
+        low, high = along[k].reshape(2, 2).amin(1), along[k].reshape(2, 2).amax(1)
+        inner = ends[k][[int((along[k] - at).abs().argmin()) for at in (low.max(), high.min())]]
+        i, j = pairs[k].tolist()
+        found.append(Gap((i, j), inner.mean(0), max(float(gaps[k]), 0.0) / 2))
     return found
 
 
+def _of_pairs(lines: torch.Tensor, pairs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Of pairs [K, 2] of lines their ends, shape [K, 4, 2], places of these and the most that one lies off [m], [K]."""
+    ends = lines[pairs, :4].reshape(-1, 4, 2)
+    along, off = _along(ends)
+    return ends, along, off.amax(1)
+
+
+def _gaps(along: torch.Tensor) -> torch.Tensor:
+    """How far apart lines are of which two ends each lie at such places, shape [K, 4] [m]; below 0 they overlap."""
+    of_lines = along.reshape(-1, 2, 2)
+    return of_lines.amin(2).amax(1) - of_lines.amax(2).amin(1)
+
+
 def _along(ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Of points [P, 2] the places along the line through the two farthest, and distances from it [m], shape [P]."""
-    apart = torch.cdist(ends, ends)
-    i, j = divmod(int(apart.argmax()), len(ends))
-    direction = (ends[j] - ends[i]) / apart[i, j].clamp_min(1e-12)
-    beside = torch.stack([-direction[1], direction[0]])
-    return (ends - ends[i]) @ direction, ((ends - ends[i]) @ beside).abs()
+    """Of points [..., P, 2] the places along the line through the two farthest, and distances from it [m], [..., P]."""
+    apart = (ends[..., :, None, :] - ends[..., None, :, :]).square().sum(-1)
+    farthest = apart.flatten(-2).argmax(-1)
+    first, last = (
+        torch.take_along_dim(ends, at[..., None, None], -2)
+        for at in (farthest // ends.shape[-2], farthest % ends.shape[-2])
+    )
+    direction = (last - first) / (last - first).norm(dim=-1, keepdim=True).clamp_min(1e-12)
+    from_first = ends - first
+    beside = from_first[..., 1] * direction[..., 0] - from_first[..., 0] * direction[..., 1]
+    return (from_first * direction).sum(-1), beside.abs()
 
 
 def stacks(lines: torch.Tensor) -> list[list[int]]:
@@ -124,17 +139,12 @@ def stacks(lines: torch.Tensor) -> list[list[int]]:
     is like it, and the image misses each.
     """
     groups: list[set[int]] = []
-    for i in range(len(lines)):
-        for j in range(i):
-            ends = lines[[i, j], :4].reshape(4, 2)
-            along, off = _along(ends)
-            low, high = along.reshape(2, 2).amin(1), along.reshape(2, 2).amax(1)
-            thin = float(torch.minimum(lines[i, WIDTH], lines[j, WIDTH]))
-            is_off = float(off.max()) > min(OFF_LINE * thin, STACKED_OFF_M)
-            if is_off or float(low.max() - high.min()) > STACKED_M:
-                continue
-            touched = [group for group in groups if group & {i, j}]
-            groups = [group for group in groups if group not in touched] + [{i, j}.union(*touched)]
+    pairs = torch.tril_indices(len(lines), len(lines), -1).T
+    _, along, off = _of_pairs(lines, pairs)
+    most_off = (OFF_LINE * lines[pairs, WIDTH].amin(1)).clamp_max(STACKED_OFF_M)
+    for i, j in pairs[(off <= most_off) & (_gaps(along) <= STACKED_M)].tolist():
+        touched = [group for group in groups if group & {i, j}]
+        groups = [group for group in groups if group not in touched] + [{i, j}.union(*touched)]
     return [sorted(group) for group in groups]
 
 

@@ -39,18 +39,19 @@ SHORTEST_M = 1e-4
 def stretches(line: torch.Tensor) -> Iterator[tuple[torch.Tensor, int, float]]:
     """Lines with one end moved along, shape [6] [m]; the column of that end, and the length gained [m]."""
     length = float((line[2:4] - line[:2]).norm())
-    for change in STRETCHES_M:
-        if change > -length + SHORTEST_M:
-            for end in (0, 2):
-                yield stretched(line, end, change), end, change
+    changes = [change for change in STRETCHES_M if change > -length + SHORTEST_M]
+    of_ends = [stretched(line, end, line.new_tensor(changes)[:, None]).unbind() for end in (0, 2)]
+    for change, *both in zip(changes, *of_ends, strict=True):
+        yield from ((moved, end, change) for moved, end in zip(both, (0, 2), strict=True))
 
 
-def stretched(line: torch.Tensor, end: int, change_m: float) -> torch.Tensor:
-    """A line [6] longer by so much at the end in column 0 or 2."""
+def stretched(line: torch.Tensor, end: int, change_m: float | torch.Tensor) -> torch.Tensor:
+    """A line [6] longer by so much at the end in column 0 or 2; lines, shape [K, 6], of changes of shape [K, 1]."""
     other = 2 - end
     outward = line[end : end + 2] - line[other : other + 2]
-    moved = line.clone()
-    moved[end : end + 2] += change_m * outward / max(float(outward.norm()), 1e-12)
+    by = change_m * outward / max(float(outward.norm()), 1e-12)
+    moved = line.expand(*by.shape[:-1], 6).clone()
+    moved[..., end : end + 2] += by
     return moved
 
 
@@ -140,7 +141,7 @@ def suspects(fit: ImageFit, model: LineModel, lines: torch.Tensor) -> list[int]:
     """
     cells = cell_misfits(fit, model.heights(lines)).cpu().numpy()
     scores = []
-    for k, part in enumerate(model.parts(lines)[0].cpu().numpy()):
+    for k, part in enumerate(model.each(lines).cpu().numpy()):
         near = scipy.ndimage.binary_dilation(part > 0, iterations=3)
         scores.append((float(cells[near].mean()) if near.any() else 0.0, k))
     return [k for _, k in sorted(scores, reverse=True)]

@@ -222,8 +222,8 @@ def _moved(fit: ImageFit, lines: torch.Tensor, place: Place) -> Iterator[_Way]:
         tried = _extended(line, at)
         if k in near and others:
             yield _Way(lines[others], [], fit.loss(model.heights(lines[others])))
-            ends = ((moved, moved[end : end + 2]) for moved, end, _ in stretches(line))
-            tried += [moved for moved, end in ends if float((end - at).norm()) <= RADII_M[-1]]
+            longer = ((moved, moved[end : end + 2].tolist()) for moved, end, _ in stretches(line))
+            tried += [moved for moved, end in longer if math.dist(end, place) <= RADII_M[-1]]
         if not tried:
             continue
         versions = model.clamped(torch.stack(tried))

@@ -11,7 +11,7 @@ import torch
 
 from nets.reconstruct.fibres.image.descent_numbers import reshaped
 from nets.reconstruct.fibres.image.image_fit import ImageFit
-from warp_caustics.prints.model import Shape
+from warp_caustics.prints.line_shape import Shape
 
 PARABOLA, ELLIPSE, CAP = Shape(1.0, 1.0), Shape(0.5, 1.0), Shape(1.0, 1.0, is_cap=True)
 TRIED_SHAPES = (Shape(1.0), Shape(0.5), PARABOLA, ELLIPSE, Shape(1.6), Shape(8.0), Shape(0.35))

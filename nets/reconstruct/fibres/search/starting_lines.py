@@ -14,7 +14,8 @@ from nets.reconstruct.fibres.search.section import (
     with_thick_ends,
 )
 from warp_caustics.prints.fit import fit_lines
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import LINE_PENALTY, lines_of_relief, unexplained
 
 SHAPES = (Shape(), Shape(0.5), PARABOLA, ELLIPSE, Shape(1.6), Shape(8.0))

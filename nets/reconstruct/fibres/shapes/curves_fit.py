@@ -8,7 +8,7 @@ from nets.reconstruct.fibres.image.descent import LOSS_SCALE
 from nets.reconstruct.fibres.image.descent_numbers import SECTION, STEPS, numbers_of, shape_of
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from warp_caustics.prints.chain_model import ChainModel
-from warp_caustics.prints.model import COSINE_HALF, Shape, half_height
+from warp_caustics.prints.line_shape import COSINE_HALF, Shape, half_height
 from warp_caustics.prints.smooth_chains import TrackPoints
 from warp_caustics.prints.vectorise.curved_lines import CurvedLines
 from warp_caustics.types import FloatArray

@@ -22,7 +22,8 @@ from nets.reconstruct.fibres.shapes.curves_fit import curved_heights, fitted_to_
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
 from warp_caustics.errors import MismatchError
 from warp_caustics.prints.chain_model import ChainModel
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.smooth_chains import Track
 from warp_caustics.prints.vectorise import unexplained
 from warp_caustics.prints.vectorise.curved import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from warp_caustics.prints.model import Shape
+from warp_caustics.prints.line_shape import Shape
 from warp_caustics.prints.paths import PrintedPath
 from warp_caustics.prints.sections import EXPONENTS, CrossSection
 from warp_caustics.prints.smooth_chains import track_weights

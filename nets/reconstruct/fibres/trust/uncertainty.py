@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
-from warp_caustics.prints.model import Shape
+from warp_caustics.prints.line_shape import Shape
 from warp_caustics.reconstruct.rest import Rest, local_relief
 from warp_caustics.types import BoolArray, FloatArray
 

@@ -19,7 +19,8 @@ from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES
 from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.curves import bezier_points, ring_points
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.paths import paths_relief, uniform_path
 from warp_caustics.prints.smooth_chains import Track, track_through
 from warp_caustics.prints.vectorise.curved import straight_lines

@@ -8,7 +8,8 @@ from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.each_end import HIDDEN_FACTOR, ends_elsewhere, with_each_end
 from nets.reconstruct.fibres.search.moves import stretched
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 

@@ -24,7 +24,8 @@ from nets.reconstruct.fibres.image.image_fit import ImageFit
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.thin_relief import ThinRelief
-from warp_caustics.prints.model import HEIGHT, LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import HEIGHT, LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene

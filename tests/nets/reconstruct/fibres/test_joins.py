@@ -123,6 +123,7 @@ def test_lines_beside_or_across_are_no_stack():
     beside = LINES[0].clone()
     beside[[1, 3]] += 1e-3
     assert stacks(torch.stack([LINES[0], beside])) == [] and stacks(LINES) == []
+    assert stacks(LINES[:1]) == [] and stacks(LINES[:0]) == [] and gaps_between(LINES[:0]) == []
 
 
 def test_the_image_takes_one_line_for_a_stack(model):

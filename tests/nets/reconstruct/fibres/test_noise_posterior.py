@@ -18,7 +18,8 @@ from tests.nets.reconstruct.fibres.test_bench_fits import NOISE, NUMBERS, bench_
 from tests.nets.reconstruct.fibres.test_noise_steps import FARTHER, left_as_told
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
 from warp_caustics.found_bench.thin_relief import ThinRelief
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.setup.optical import with_optical_values
 
 BESIDE = len(NUMBERS.parameters) + len(bench_with().field)

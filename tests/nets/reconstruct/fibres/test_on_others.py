@@ -5,7 +5,8 @@ import pytest
 
 from nets.reconstruct.fibres.image.on_others import LinesOnOthers
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.2, 0.5, 1.0])

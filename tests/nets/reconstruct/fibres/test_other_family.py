@@ -7,7 +7,8 @@ import torch
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.section import other_family, with_other_family
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.prints.model import LineModel, Shape, line_section
+from warp_caustics.prints.line_shape import Shape, line_section
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 

@@ -18,7 +18,8 @@ from nets.reconstruct.fibres.search.line_search import LineSearch
 from nets.reconstruct.fibres.search.section import NEARLY_HIGHEST, is_in_vain, with_caps, with_section_found
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.prints.line import section_height
-from warp_caustics.prints.model import SHAPE_LIMITS, LineModel, Shape, half_height, line_section
+from warp_caustics.prints.line_shape import SHAPE_LIMITS, Shape, half_height, line_section
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.scene import Scene
 

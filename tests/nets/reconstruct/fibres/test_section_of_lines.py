@@ -13,7 +13,8 @@ from nets.reconstruct.fibres.image.lines_view import LinesView
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.line_run import line_run
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres.search.starting_lines import starting_lines
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.scene import Scene
 
 N = 48

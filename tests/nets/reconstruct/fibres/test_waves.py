@@ -14,7 +14,8 @@ from nets.reconstruct.fibres.shapes.waves import FARTHEST, THICKNESS, straight, 
 from nets.reconstruct.fibres.trust.uncertainty import CROSSING, PLAIN_LINES, calibration_of, of_lines
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.wavy_model import WavyModel, knot_counts
 from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.result import Resimulation

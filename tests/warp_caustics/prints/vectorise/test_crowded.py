@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.scene import Scene
 

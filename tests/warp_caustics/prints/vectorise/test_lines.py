@@ -9,7 +9,8 @@ from data_gen.config import ReliefConfig
 from data_gen.dataset_config import sample_generator
 from data_gen.patterns import draw_strokes
 from warp_caustics.prints.fit import fit_lines
-from warp_caustics.prints.model import LineModel, Shape
+from warp_caustics.prints.line_shape import Shape
+from warp_caustics.prints.model import LineModel
 from warp_caustics.prints.vectorise import lines_of_relief
 from warp_caustics.prints.vectorise.moves import LineSet, joined_line
 from warp_caustics.prints.vectorise.proposals import proposed_lines
