@@ -19,6 +19,8 @@ class BenchMethod(Protocol):
     device: torch.device
     network: FoundNetwork
     refinement: Refinement
+    far: tuple[CausticImage, dict[str, float] | None] | None
+    """The image of which a far start was looked for last (:mod:`~nets.reconstruct.far_pictures`), and what it was."""
 
     def on_bench(self, scene: Scene) -> Self:
         """The same on another bench.

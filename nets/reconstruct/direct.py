@@ -77,6 +77,7 @@ class Direct(Reconstructor):
     """The last image that the networks were asked about, and what they said; for :meth:`take_over`."""
     handed: tuple[CausticImage, Opinion] | None = None
     """What the next call need not ask, of this image."""
+    far: tuple[CausticImage, dict[str, float] | None] | None = None
 
     def __init__(self, scene: Scene, options: DirectOptions | None = None, device: str | torch.device = "cpu"):
         self.options, self.device = options or DirectOptions(), usable_device(device)
@@ -106,6 +107,7 @@ class Direct(Reconstructor):
         Once: an image may be changed between calls, and whoever calls twice wants it asked twice.
         """
         self.handed, other.said = other.said, None
+        self.far, other.far = other.far, None
 
     def on_bench(self, scene: Scene) -> Self:
         """The same method for another bench near its own: as many pixels, samples and wavelengths.
@@ -122,7 +124,7 @@ class Direct(Reconstructor):
         if beyond is not None and not networks:
             raise beyond
         other = copy.copy(self)
-        other.said = other.handed = None
+        other.said = other.handed = other.far = None
         other._ask(networks)
         return other
 

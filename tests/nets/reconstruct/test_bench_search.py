@@ -96,6 +96,23 @@ def test_another_size_is_asked_though_the_first_step_says_something_else(truthfu
     assert looked_at == [search.before, far] and found == far and len(steps) == 2
 
 
+def test_a_far_start_that_was_looked_for_is_handed_over_once(truthful, relief, monkeypatch):
+    """With the image it is of; an image that was changed since is asked again."""
+    asked = []
+    monkeypatch.setattr("nets.reconstruct.bench_search.far_start", lambda *about: asked.append(about))
+    image, (first, second) = taken(relief), (truthful(set_up="estimate") for _ in range(2))
+    search = BenchSearch(first, first.numbers)
+    assert not search.is_far(image, first.found(image), relief) and len(asked) == 1
+    second.take_over(first)
+    second.reconstruct(image)
+    assert len(asked) == 1 and first.far is None
+    second.reconstruct(taken(relief, noise=0.006))
+    assert len(asked) == 2
+    search.is_far(image, first.found(image), relief)
+    search.is_far(image, first.found(image), relief)
+    assert len(asked) == 4
+
+
 def test_a_bench_that_is_as_told_leaves_the_result_as_it_is(truthful, relief):
     image = taken(relief)
     known, estimated = (truthful(set_up=how).reconstruct(image) for how in ("known", "estimate"))
