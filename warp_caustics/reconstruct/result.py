@@ -289,7 +289,11 @@ class Resimulation:
             ratio = agreed_ratio(light_ratio(self._pictured, self(heights).image / self._radiosity), ratio)
         if not is_exposure(ratio, least):
             return self
-        return Resimulation(self.simulator, self._given, self.exposure * ratio)
+        seen = Resimulation(self.simulator, self._given, self.exposure * ratio)
+        seen._known = self._known  # light of a relief is the same
+        if self.camera.is_perfect and self.camera.lays is None:
+            seen._known_spread = self._known_spread
+        return seen
 
     def exactly(self) -> "Resimulation":
         """The same on the pixels that there were where channels lay apart, for heights that were found so."""

@@ -73,6 +73,8 @@ def test_a_relief_that_was_asked_for_lately_is_not_simulated_again(simulator, im
     resimulation, heights = Resimulation(simulator, image), bump(1e-4)
     first = resimulation(heights).image
     assert resimulation(heights).image is first
+    exposed = resimulation.exposed(heights)
+    assert exposed is not resimulation and exposed(heights).image is first, "light is the same at every exposure"
     others = [bump(k * 1e-5) for k in range(resimulation.REMEMBERED)]
     for other in others:
         resimulation(other)
