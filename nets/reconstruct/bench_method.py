@@ -20,7 +20,8 @@ class BenchMethod(Protocol):
     network: FoundNetwork
     refinement: Refinement
     far: tuple[CausticImage, dict[str, float] | None] | None
-    """The image of which a far start was looked for last (:mod:`~nets.reconstruct.far_pictures`), and what it was."""
+    """The image of which the next search need not look for a far start (:mod:`~nets.reconstruct.far_pictures`), and
+    that start; taken once, for an image may be changed."""
 
     def on_bench(self, scene: Scene) -> Self:
         """The same on another bench.

@@ -236,7 +236,7 @@ class BenchSearch:
 
     def _far_start(self, image: CausticImage, told: Reconstruction, answer: FloatArray) -> dict[str, float] | None:
         """Where to begin instead with a picture of quite another size; arguments as for a call."""
-        pictures, known = self.of_pictures(), self.method.far
+        pictures, known, self.method.far = self.of_pictures(), self.method.far, None
         if pictures is None:
             return None
         if known is not None and known[0] is image:  # two sizes are asked for 12 s on two cores

@@ -42,7 +42,7 @@ def found_pattern(irradiance: npt.NDArray[np.floating]) -> str | None:
 
 
 def _left_by_patterns(image: FloatArray) -> dict[str, float]:
-    """Root mean square that each pattern's demosaicing leaves of an image within its border.
+    """Root mean square that each pattern's :func:`~warp_caustics.camera.mosaic.demosaicked` leaves within its border.
 
     Made up are means of two neighbours along a row or a column, of four along diagonals, or, for green, of both rows
     and columns. Which of these a pixel is depends on the pattern alone, so that what each would leave is asked once.

@@ -6,20 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from nets.reconstruct.bench_search import ROUNDS, BenchSearch, is_less
+from nets.reconstruct.bench_search import BenchSearch, is_less
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.direct_options import DirectOptions
 from nets.reconstruct.methods import create
 from nets.reconstruct.network_answers import NetworkAnswers
-from nets.reconstruct.secant import FURTHER, FURTHEST, lengthened
-from nets.reconstruct.tried_bench import TriedBench
 from warp_caustics.errors import InputError, MismatchError
 from warp_caustics.found_bench.bench_model import BenchModel
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
-from warp_caustics.found_bench.bench_record import FoundBench
 from warp_caustics.found_bench.bench_step import BenchStep, bench_step
 from warp_caustics.prints.line import Line, line_relief
-from warp_caustics.reconstruct.base import CausticImage, Reconstruction
+from warp_caustics.reconstruct.base import CausticImage
 from warp_caustics.reconstruct.seen_camera.pixel_means import Lay, pixel_means
 from warp_caustics.reconstruct.seen_camera.point_spread import FineLight
 from warp_caustics.scene import Scene
@@ -106,7 +103,7 @@ def test_a_far_start_that_was_looked_for_is_handed_over_once(truthful, relief, m
     second.take_over(first)
     second.reconstruct(image)
     assert len(asked) == 1 and first.far is None
-    second.reconstruct(taken(relief, noise=0.006))
+    second.reconstruct(image)
     assert len(asked) == 2
     search.is_far(image, first.found(image), relief)
     search.is_far(image, first.found(image), relief)
@@ -343,59 +340,6 @@ def test_the_users_samples_come_back(saved, monkeypatch, relief):
 def test_less_is_less_by_a_share_of_what_noise_does_not_explain():
     assert is_less(0.0113, 0.0114, 0.0110) and not is_less(0.1139, 0.1140, 0.0110)
     assert not is_less(0.0114, 0.0114, 0.02)
-
-
-def walked(true, kept, sigma=0.07):
-    """Values after each round where heights keep the share ``kept(apart)`` of what a bench is off by to themselves."""
-    value, was, values = 0.0, None, [0.0]
-    while len(values) < ROUNDS:
-        move = (1 - kept(true - value)) * (true - value)
-        if abs(move) < sigma:
-            break
-        further = lengthened(value, move, sigma, was)
-        value, was = value + further, (value, move)
-        values.append(value)
-    return values
-
-
-@pytest.mark.parametrize("true", [4.4, -4.4, 0.5])
-def test_steps_arrive_where_heights_keep_more_of_a_bench_the_farther_it_is(true):
-    """As with a picture 1 % too large: steps of a tenth of the way that do not get shorter for half of it."""
-    values = walked(true, lambda apart: min(0.92, 0.36 + 0.16 * abs(apart)))
-    assert abs(values[-1] - true) < 0.15 and len(values) < ROUNDS
-    plain, value = [], 0.0
-    for _ in range(6):
-        value += FURTHER * (1 - min(0.92, 0.36 + 0.16 * abs(true - value))) * (true - value)
-        plain.append(value)
-    assert abs(true) < 1 or abs(plain[-1] - true) > 0.15
-
-
-def test_a_step_is_lengthened_to_where_the_secant_ends_within_limits():
-    assert lengthened(0.0, 1.0, 0.1, None) == FURTHER
-    assert lengthened(1.5, 0.5, 0.1, (0.0, 2.0)) == pytest.approx(0.5)  # slope -1: the step itself
-    assert lengthened(1.5, 1.0, 0.1, (0.0, 2.0)) == pytest.approx(1.5)
-    assert lengthened(1.5, -1.0, 0.1, (0.0, 2.0)) == pytest.approx(-0.5)  # overshot: back in between
-    assert lengthened(1.5, 1.9, 0.1, (0.0, 2.0)) == pytest.approx(FURTHEST * 1.9)
-    assert lengthened(1.5, 2.5, 0.1, (0.0, 2.0)) == pytest.approx(FURTHEST * 2.5)  # steps that grow
-
-
-def test_what_is_within_its_deviation_tells_no_secant():
-    assert lengthened(1.5, 0.05, 0.1, (0.0, 2.0)) == pytest.approx(FURTHER * 0.05)
-    assert lengthened(0.05, 1.0, 0.1, (0.0, 2.0)) == pytest.approx(FURTHER)
-
-
-def tried(left, seconds, stop="converged", is_kept=True):
-    told = Reconstruction("direct", np.zeros((2, 2)), np.zeros((3, 2, 2)), 0.2, "converged", timings_s={"network": 1.0})
-    kept = dataclasses.replace(told, residual=left, stop_reason=stop)
-    return TriedBench(told, kept, FoundBench((), is_kept, "", 2), {}, left, {"bench": seconds})
-
-
-def test_of_two_searches_the_better_counts_and_the_time_of_both():
-    for first, second, better in ((0.1, 0.05, 0.05), (0.05, 0.1, 0.05)):
-        result = tried(first, 3.0).or_better(tried(second, 2.0)).recorded()
-        assert result.residual == better and result.timings_s == {"network": 1.0, "bench": 5.0}
-    assert tried(0.1, 3.0).or_better(tried(0.05, 2.0, is_kept=False)).kept.residual == 0.1
-    assert tried(0.05, 3.0).or_better(tried(0.1, 2.0, "interrupted")).kept.stop_reason == "interrupted"
 
 
 def test_options_are_checked():

@@ -17,7 +17,6 @@ from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.search.line_search import LineSearch
 from nets.reconstruct.fibres.search.section import NEARLY_HIGHEST, is_in_vain, with_caps, with_section_found
 from tests.nets.reconstruct.exact_light import light_of
-from warp_caustics.prints.line import section_height
 from warp_caustics.prints.line_shape import SHAPE_LIMITS, Shape, half_height, line_section
 from warp_caustics.prints.model import LineModel
 from warp_caustics.reconstruct.base import CausticImage
@@ -42,20 +41,6 @@ def seen(*shape):
     simulated = light_of(SCENE, model_of(*shape).heights(LINES)).numpy()
     noise = np.random.default_rng(0).standard_normal(simulated.shape)
     return CausticImage((simulated + 0.005 * noise).astype(np.float32), np.full(2, 0.005))
-
-
-@pytest.mark.parametrize(
-    ("shape", "family", "exponent"),
-    [
-        (Shape(0.35), "cosine", 0.35),
-        (Shape(1.7), "cosine", 1.7),
-        (Shape(0.5, 1.0), "parabola", 0.5),
-        (Shape(1.0, 1.0), "parabola", 1.0),
-    ],
-)
-def test_the_ends_of_the_family_are_the_sections_of_prints(shape, family, exponent):
-    t = np.linspace(0, 1, 101)
-    np.testing.assert_allclose(line_section(shape, t), section_height(t, family, exponent), atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [Shape(0.35), Shape(0.5), Shape(1.0), Shape(2.0), Shape(1.0, 1.0), Shape(0.6, 0.5)])
