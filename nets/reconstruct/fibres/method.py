@@ -35,6 +35,10 @@ from warp_caustics.types import FloatArray
 
 NO_BENCH = {"numbers": [], "is_kept": False, "is_picture": False}
 """Record of a result for which none was looked for."""
+CLEARLY_LESS = 0.95
+"""Of what lines leave of an image, below which free heights are taken in their place; both were refined. Sixteen
+thousand numbers leave a little less than two hundred by being more: of ten own plates that were asked lines left 5 to
+70 % less on nine, and a little more on one, 5 um off, where free heights were 17."""
 
 
 def nearer_lines(first: LinesOfImage, later: LinesOfImage) -> LinesOfImage:
@@ -136,7 +140,7 @@ class Fibres(Reconstructor):
             may_be_other = run.takes_lines and not run.is_noise_left and self.options.refine
             if may_be_other and is_free and run.reason == "converged":
                 other = direct or self._by_network(run, measured, initial, progress)
-                plain = other if run.residual_of(other) < found.residual else None
+                plain = other if run.residual_of(other) < CLEARLY_LESS * found.residual else None
             if plain is None:
                 plain = self._finished(found, run)
                 if run.takes_lines and not run.may_be_pieces():

@@ -93,9 +93,13 @@ def on_other_bench(lines: torch.Tensor, here: Scene, there: Scene) -> torch.Tens
 
 
 def by_number(numbers: BenchNumbers, bench: Bench, parameter: Parameter) -> float:
-    """Derivative of (n - 1) D by a number of the bench [m / unit]."""
+    """Derivative of (n - 1) D by a number of the bench [m / unit], by a step as wide as what is believed of it.
+
+    To the side with more room, and no farther than the number's range: beliefs may have been widened beyond it.
+    """
     at = bench.values[parameter.name]
-    end = at + parameter.prior if at + parameter.prior <= parameter.high else at - parameter.prior
+    is_up = parameter.high - at >= min(parameter.prior, at - parameter.low)
+    end = min(at + parameter.prior, parameter.high) if is_up else max(at - parameter.prior, parameter.low)
     there = ThinRelief.of(numbers.scene_of({**bench.values, parameter.name: end}))
     return (there.linear - ThinRelief.of(numbers.scene_of(bench.values)).linear) / (end - at)
 

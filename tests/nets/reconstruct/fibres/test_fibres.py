@@ -1,19 +1,17 @@
 """Lines from a network's answer and an image, on a small scene."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 import nets.reconstruct.fibres.lines_of_image as lines_of_image
-import nets.reconstruct.network_answers as answers_module
 from nets.reconstruct.bench_search import Glance
 from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench.bench_of_lines import TOLD_BY_LINES
 from nets.reconstruct.fibres.image.discrepancy import LARGEST_OF_NOISE
-from nets.reconstruct.fibres.method import Fibres, nearer_lines
+from nets.reconstruct.fibres.method import Fibres
 from nets.reconstruct.methods import create
 from tests.nets.reconstruct.exact_light import light_of
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, N, noisy_image
@@ -37,22 +35,6 @@ def model():
 @pytest.fixture(scope="module")
 def image(model):
     return noisy_image(model)
-
-
-@pytest.fixture
-def answering(monkeypatch, saved):
-    """A method ``fibres`` whose network says what it is told."""
-
-    def make(heights_m, **options):
-        def answers(images):
-            found = torch.as_tensor(heights_m, dtype=torch.float32)
-            return found.expand(len(images), *found.shape).clone()
-
-        monkeypatch.setattr(answers_module, "Replayed", lambda module: answers)
-        weights = saved("direct", scene=SCENE)
-        return create("fibres", SCENE, weights=weights, symmetries=False, **options)
-
-    return make
 
 
 @pytest.mark.parametrize("exposure", [1.0, 0.95])
@@ -267,25 +249,6 @@ def test_lines_are_found_in_a_picture_that_is_too_large(monkeypatch, model, answ
         assert any("too large" in warning for warning in result.warnings)
 
 
-@pytest.mark.parametrize(
-    ("first", "later", "is_later"),
-    [
-        ((True, 0.02), (True, 0.03), False),
-        ((True, 0.03), (True, 0.02), True),
-        ((True, 0.03), (False, 0.02), False),
-        ((False, 0.01), (True, 0.02), True),
-        ((False, 0.03), (False, 0.02), False),
-        ((False, None), (True, 0.1), True),
-    ],
-)
-def test_of_two_benches_the_lines_are_taken_that_leave_less(first, later, is_later):
-    searches = [
-        SimpleNamespace(takes_lines=takes, counters={} if left is None else {"residual_of_fibres": left})
-        for takes, left in (first, later)
-    ]
-    assert nearer_lines(*searches) is searches[is_later]
-
-
 def test_told_stray_light_is_taken_off(model, image, answering):
     """As by ``direct``: lines explain the rest to its noise."""
     truth = model.heights(LINES).double().numpy()
@@ -309,10 +272,6 @@ def test_without_known_noise_the_better_relief_wins(model, image, answering, lum
     method = answering(wrong, most_lines=3, refine_iterations=3, max_iterations=8, jumps=0)
     result = method.reconstruct(CausticImage(seen))
     counters = result.counters
-    both = {name: counters.get(f"residual_of_refined_{name}") for name in ("network", "fibres")}
-    if both["fibres"] is not None:
-        assert result.residual == pytest.approx(min(both.values()), rel=1e-5)
-        assert counters["explained_by"] == min(both, key=both.get)
     assert counters["explained_by"] == ("network" if lumps else "fibres")
     assert (result.fibres_m is None) == bool(lumps)
     assert ("refinement" in counters) == bool(lumps), "an image without noise is explained to the simulation's error"
