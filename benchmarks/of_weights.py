@@ -78,7 +78,7 @@ PLACES = (
     Place("docs/learned.md", "### Symmetries and refinement", OLD, f"{OWN} --set refine_iterations=60"),
     Place("docs/fibres.md", "# The printed lines: `fibres`", DIRECT, f"{COMPARE} --methods direct,fibres"),
     Place(
-        "docs/fibres.md",
+        "docs/fibres_search.md",
         "## Prints as machines make them",
         DIRECT,
         "own plates of rows of prints: data_gen.suites.print_shapes with another SEED",

@@ -41,6 +41,7 @@ RUN = [
         None,
         "needs a photo of a screen; tests/warp_caustics/capture makes some",
     ),
+    (r"nsfc reconstruct .*--method fibres", None, "needs an image of 256 pixels, and a minute; the demo runs it"),
     (r"nsfc (reconstruct|capture) examples/", None, "files of the checkout; tests/test_lab.py runs them"),
     (
         r"nsfc reconstruct .*--set reconstruction.options.max_iterations",
