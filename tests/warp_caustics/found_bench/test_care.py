@@ -39,6 +39,14 @@ def test_one_sign_is_an_accident_and_two_are_a_habit():
     assert care_of(counters(uneven(0.2), bench=[moved(0.3)]), NUMBERS).times == 1
 
 
+def test_an_accident_that_does_not_explain_the_image_was_not_all():
+    """Of lines alone it is known how many times the noise they leave."""
+    far = moved(168, name="vergence_per_m")
+    for left, times in ((None, 1), (1.0, 1), (3.1, 1), (8.4, 168)):
+        assert care_of(counters(bench=[far], discrepancy=left), NUMBERS).times == pytest.approx(times)
+    assert care_of(counters(discrepancy=8.4), NUMBERS).times == 1, "crowded lines on a bench that looks as told"
+
+
 def test_an_image_of_unknown_noise_tells_nothing():
     assert care_of({"bench": {"numbers": [asdict(moved(30)), asdict(moved(30, name="vergence_per_m"))]}}, NUMBERS) == (
         Care(1.0, {})
