@@ -16,6 +16,7 @@ from typing import Any
 from warp_caustics.found_bench.bench_numbers import AMBIENT, BenchNumbers
 from warp_caustics.found_bench.bench_record import NOT_TOLD
 from warp_caustics.found_bench.bench_uncertainty import careful_widths
+from warp_caustics.found_bench.doubt import UNEXPLAINED, left_by_lines
 from warp_caustics.found_bench.rest_causes import GRAIN, MIXING, SPOTS, UNEVEN
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 
@@ -31,10 +32,6 @@ CAREFUL = {
 lens blurs, so that the sharp one's own blur counts whole. Units of the causes' values."""
 TOLD_TIMES = 2.0
 """S from which on the user is told: of eight signs of a careful bench two are as large by chance once in twenty."""
-UNEXPLAINED = 4.0
-"""Times the noise, that lines leave, from which one sign will do. A plate behind a gap of 1 mm, lit by a lamp at 0.5 m,
-of which nobody told either, was found as lines under a lamp at 0.3 m, 168 deviations from what was told. They left 8.4
-times the noise, and were 260 um off, 24 stated. Lines wrong in places leave up to 3 times as a rule."""
 SET_UP = "set-up"
 """The sign of place and lamp, which are one: a lamp that is nearer and aside moves the picture, too."""
 
@@ -87,13 +84,12 @@ def care_of(counters: Mapping[str, Any], numbers: BenchNumbers) -> Care:
     """What a result's image tells of the care that was taken.
 
     Args:
-        counters: of the result, with what is left of its image, without which nothing is told, and in units of its
-            noise where lines were found (``discrepancy``).
+        counters: of the result, with what is left of its image; without that nothing is told.
         numbers: of the bench as it is told, with what is known of them.
     """
     signs = signs_of_care(counters, numbers) if "rest" in counters else {}
-    sizes, left = list(signs.values()), counters.get("discrepancy") or 0.0
-    return Care(max([1.0, *(sizes[1:2] if left < UNEXPLAINED else sizes[:1])]), signs)
+    sizes = list(signs.values())
+    return Care(max([1.0, *(sizes[:1] if left_by_lines(counters) > UNEXPLAINED else sizes[1:2])]), signs)
 
 
 def signs_of_care(counters: Mapping[str, Any], numbers: BenchNumbers) -> dict[str, float]:

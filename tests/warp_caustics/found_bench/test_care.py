@@ -43,8 +43,13 @@ def test_an_accident_that_does_not_explain_the_image_was_not_all():
     """Of lines alone it is known how many times the noise they leave."""
     far = moved(168, name="vergence_per_m")
     for left, times in ((None, 1), (1.0, 1), (3.1, 1), (8.4, 168)):
-        assert care_of(counters(bench=[far], discrepancy=left), NUMBERS).times == pytest.approx(times)
-    assert care_of(counters(discrepancy=8.4), NUMBERS).times == 1, "crowded lines on a bench that looks as told"
+        assert care_of(counters(bench=[far], discrepancy=left, explained_by="fibres"), NUMBERS).times == pytest.approx(
+            times
+        )
+    crowd = counters(discrepancy=8.4, explained_by="fibres")
+    assert care_of(crowd, NUMBERS).times == 1, "of a bench that looks as told"
+    free = counters(bench=[far], discrepancy=8.4, explained_by="network")
+    assert care_of(free, NUMBERS).times == 1, "heights that are no lines"
 
 
 def test_an_image_of_unknown_noise_tells_nothing():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from warp_caustics.found_bench.care import UNTOLD
-from warp_caustics.found_bench.doubt import doubt_of
+from warp_caustics.found_bench.doubt import UNEXPLAINED, doubt_of
 from warp_caustics.found_bench.rest_causes import Cause
 
 PARTS = {
@@ -43,6 +43,22 @@ def test_a_cause_that_the_uncertainty_has_a_part_of_is_no_warning():
     for parts, stated in ((None, 5.0), (None, None), (PARTS | {"numbers": {}}, 5.0)):
         without = doubt_of(counters(lamp, parts=parts), stated)
         assert without.is_doubtful and "a lamp: 1 +- 0.1" in without.warnings()[0]
+
+
+@pytest.mark.parametrize("stated_um", [5.0, None])
+def test_lines_that_leave_several_times_the_noise_are_in_doubt_whatever_they_state(stated_um):
+    """Heights that are free leave more by nature, and are judged by what their uncertainty leaves."""
+    for left, by, is_doubtful in (
+        (0.9 * UNEXPLAINED, "fibres", False),
+        (1.1 * UNEXPLAINED, "fibres", True),
+        (1.1 * UNEXPLAINED, "network", False),
+        (None, "fibres", False),
+    ):
+        doubt = doubt_of(counters() | {"discrepancy": left, "explained_by": by}, stated_um)
+        assert doubt.is_doubtful == is_doubtful and doubt.record["is_doubtful"] == is_doubtful
+        assert len(doubt.warnings()) == is_doubtful
+    (told,) = doubt_of(counters() | {"discrepancy": 8.7, "explained_by": "fibres"}, stated_um).warnings()
+    assert "8.7 times the noise" in told and "check gap, base and lamp" in told
 
 
 def test_without_an_uncertainty_nothing_is_said_of_it():
