@@ -15,6 +15,7 @@ from nets.reconstruct.fibres.bench.camera_of_lines import (
     fit_through_lens,
     with_spread_of,
 )
+from nets.reconstruct.fibres.bench.far_gap import fit_far_away
 from nets.reconstruct.fibres.bench.gap_fits import fit_with_gap
 from nets.reconstruct.fibres.bench.lamp_of_lines import fit_with_lamp
 from nets.reconstruct.fibres.bench.lens_or_light import fit_through_lens_or_with_light
@@ -108,6 +109,8 @@ class LinesOfImage:
         self.reason: StopReason = "converged"
         self.refined_steps = 0
         """Of refinements, which are not in the history."""
+        self.said = Answer.of(answer, self.most_lines)
+        """Of the network, as it looks on the bench."""
         self.lines = torch.zeros(0, 6, dtype=torch.float64)
         self.covariance: JointCovariance | None = None
         """Of lines and bench, where both were found; ``counted`` are those lines, ``asked`` the bench's numbers."""
@@ -137,7 +140,8 @@ class LinesOfImage:
         here = "network again" if self.is_elsewhere else "network"
         self.timings[here] = self.log.elapsed_s - sum(self.timings.values())
         try:
-            self.fit_to(Answer.of(self.answer, self.most_lines))
+            self.fit_to(self.said)
+            fit_far_away(self)
             self.timings["fibres"] = self.log.elapsed_s - sum(self.timings.values())
             if len(self.lines) and (not self.is_in_vain or self._starts_elsewhere()):
                 self._fit_with_all()
@@ -292,7 +296,7 @@ class LinesOfImage:
     def left(self) -> tuple[FloatArray, float, float]:
         """Relief of the lines, and what it and the network's leave of the image."""
         found, left = self.relief(), self.view.resimulation
-        return found, left(found).residual, left(self.answer.heights_m).residual
+        return found, left(found).residual, left(self.view.glass(self.said.relief_m)).residual
 
     def residual_of(self, other: Reconstruction) -> float:
         """What another result leaves of the image, through the lens that lines told if they did."""
@@ -343,7 +347,7 @@ class LinesOfImage:
         not do well may give way to curves.
         """
         method, device, view = self.method, self.method.device, self.view
-        answer = answer or Answer.of(self.answer, self.most_lines)
+        answer = answer or self.said
         relief_m, spread_m = (each.to(device, torch.float32) for each in (answer.relief_m, answer.spread_m))
         search = LineSearch(
             view.scene,
