@@ -84,7 +84,8 @@ def fit_far_away(run: Run) -> None:
 
     def fit() -> float:
         pixels = method.options.pixels_on(method.device.type, method.scene)
-        found = farther(run, max(pixels // 2, method.scene.height_samples))
+        is_halved = pixels % 2 == 0 and pixels // 2 >= method.scene.height_samples
+        found = farther(run, pixels // 2 if is_halved else pixels)
         if found is None:
             return 0.0
         scenes = (run.numbers.scene_of(each.values) for each in (run.bench, found.bench))
@@ -113,11 +114,8 @@ def farther(run: Run, pixels: int) -> Farther | None:
     if not len(run.lines) or not set(BEND_LIGHT) & set(run.numbers.names):
         return None
     # Dispersion is what heights on a bench that is too near are told as; from there it is as told.
-    values = {
-        **run.bench.values,
-        **{name: run.numbers.before[name] for name in (DISPERSION,) if name in run.bench.values},
-    }
-    start = dataclasses.replace(run.bench, values=values)
+    glass = {DISPERSION: run.numbers.before[DISPERSION]} if DISPERSION in run.bench.values else {}
+    start = dataclasses.replace(run.bench, values={**run.bench.values, **glass})
     here = Farther(run.bench, run.lines, _settled(run, run.bench, run.lines, pixels).loss)
     best = here
     for factor in (STEP, 1 / STEP):
@@ -128,6 +126,7 @@ def farther(run: Run, pixels: int) -> Farther | None:
                 bench = along(run.numbers, start, way - 1)
             except InputError:  # beyond what a bench may be
                 break
+            bench = _known_to_half_a_step(bench, near.bench)
             scenes = (run.numbers.scene_of(each.values) for each in (near.bench, bench))
             next_one = _settled(run, bench, run.model.clamped(on_other_bench(near.lines, *scenes)), pixels)
             if next_one.loss > (MUCH_LESS if near is here else 1.0) * near.loss:
@@ -138,6 +137,12 @@ def farther(run: Run, pixels: int) -> Farther | None:
         if best is not here:
             break
     return None if best is here else best
+
+
+def _known_to_half_a_step(bench: Bench, nearer: Bench) -> Bench:
+    """A bench whose gap, base and index are as uncertain as steps are long, until the valley tells more."""
+    apart = {name: abs(bench.values[name] - nearer.values[name]) for name in BEND_LIGHT if name in bench.values}
+    return dataclasses.replace(bench, sigma={**bench.sigma, **{name: by / 2 for name, by in apart.items() if by}})
 
 
 def mapped(answer: Answer, here: Scene, there: Scene) -> Answer:

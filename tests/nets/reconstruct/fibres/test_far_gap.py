@@ -50,7 +50,9 @@ def test_light_that_goes_much_farther_or_less_far_is_found(model, others):
     # Within a step and a half of the ladder, from 58 % and 33 % away.
     assert abs(np.log(linear(found.bench) / true)) < 1.5 * np.log(far_gap.STEP) < abs(np.log(told / true))
     assert error_um(model, found.lines) < 0.5 * error_um(model, run.lines)
-    assert run.bench.is_told(NUMBERS), "the run stays"
+    (moved,) = found.bench.sigma
+    assert 0 < found.bench.sigma[moved] < abs(found.bench.values[moved] - run.bench.values[moved])
+    assert run.bench.is_told(NUMBERS) and not run.bench.sigma, "the run stays"
 
 
 def test_a_bench_that_is_as_told_is_left(model):
