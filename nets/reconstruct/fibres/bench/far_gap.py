@@ -18,7 +18,6 @@ from nets.reconstruct.fibres.bench.gap_fits import BENCH_GAIN
 from nets.reconstruct.fibres.bench.gap_of_lines import along, on_other_bench
 from nets.reconstruct.fibres.bench.run_state import LinesRun, kept_if_less
 from nets.reconstruct.fibres.fibres_of import FibresOf
-from nets.reconstruct.fibres.image.image_fit import METRIC_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
 from nets.reconstruct.fibres.search.line_search import Answer
@@ -28,7 +27,7 @@ from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.scene import Scene
 
-NO_BENCH = 2.0
+ASKED_FROM = 2.0
 """Times the noise of the whole image, that lines leave, from which the bench may be quite another."""
 STEP = 1.25
 """Of (n - 1) D: 0.5 mm of gap behind 3 mm of glass."""
@@ -37,8 +36,9 @@ MOST_STEPS = 8
 ITERATIONS = 20
 """Of L-BFGS at each."""
 MUCH_LESS = 0.7
-"""Of the misfit on the bench so far, at most, to go one step farther. Lines on their own bench leave two and three
-times as much a step away, and such as are no lines (text, before it is followed) 1.00 to 1.03 of it."""
+"""Of the misfit on the bench they are on, at most, for the first step to be taken; later ones need leave less. Lines on
+their own bench leave two and three times as much a step away, and such as are no lines (text, before it is followed)
+0.98 to 1.03 of it."""
 
 
 class Run(LinesRun, Protocol):
@@ -78,7 +78,7 @@ def fit_far_away(run: Run) -> None:
     """
     method = run.method
     left = run.view.left(run.lines) if len(run.lines) and not method.takes_bench_as_told else None
-    if left is None or left <= NO_BENCH:
+    if left is None or left <= ASKED_FROM:
         return
     given = run.said, run.is_in_vain
 
@@ -117,26 +117,22 @@ def farther(run: Run, pixels: int) -> Farther | None:
     glass = {DISPERSION: run.numbers.before[DISPERSION]} if DISPERSION in run.bench.values else {}
     start = dataclasses.replace(run.bench, values={**run.bench.values, **glass})
     here = Farther(run.bench, run.lines, _settled(run, run.bench, run.lines, pixels).loss)
-    best = here
     for factor in (STEP, 1 / STEP):
         near, way = here, 1.0
         for _ in range(MOST_STEPS):
             way *= factor
             try:
-                bench = along(run.numbers, start, way - 1)
+                bench = _known_to_half_a_step(along(run.numbers, start, way - 1), near.bench)
+                scenes = (run.numbers.scene_of(each.values) for each in (near.bench, bench))
+                trial = _settled(run, bench, run.model.clamped(on_other_bench(near.lines, *scenes)), pixels)
             except InputError:  # beyond what a bench may be
                 break
-            bench = _known_to_half_a_step(bench, near.bench)
-            scenes = (run.numbers.scene_of(each.values) for each in (near.bench, bench))
-            next_one = _settled(run, bench, run.model.clamped(on_other_bench(near.lines, *scenes)), pixels)
-            if next_one.loss > (MUCH_LESS if near is here else 1.0) * near.loss:
+            if trial.loss > (MUCH_LESS if near is here else 1.0) * near.loss:
                 break
-            near = next_one
-        if near.loss < best.loss:
-            best = near
-        if best is not here:
-            break
-    return None if best is here else best
+            near = trial
+        if near is not here:
+            return near
+    return None
 
 
 def _known_to_half_a_step(bench: Bench, nearer: Bench) -> Bench:
@@ -163,8 +159,5 @@ def _settled(run: Run, bench: Bench, lines: torch.Tensor, pixels: int) -> Farthe
     """
     scene = run.numbers.scene_of(bench.values)
     one = OneWavelength.clearest(run.view.image, scene, run.view.camera)
-    fit: ImageFit = one.fit(
-        run.model, pixels, photons_per_pixel=METRIC_PHOTONS_PER_PIXEL * 2, metric=one.metric(run.model, pixels)
-    )
-    found = fit.descend(lines, ITERATIONS)
+    found = one.fit(run.model, pixels, metric=one.metric(run.model, pixels)).descend(lines, ITERATIONS)
     return Farther(bench, found.lines, found.loss)
