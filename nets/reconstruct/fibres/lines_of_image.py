@@ -31,17 +31,17 @@ from nets.reconstruct.fibres.search.line_search import ITERATIONS, Answer, LineS
 from nets.reconstruct.fibres.search.other_starts import evolve, start_elsewhere
 from nets.reconstruct.fibres.search.second_look import TAKEN_SHARE, look_again
 from nets.reconstruct.fibres.search.starting_lines import starting_lines
+from nets.reconstruct.fibres.shapes.curves_bench import curves_on_their_bench
 from nets.reconstruct.fibres.shapes.curves_of_image import (
     MEETING_SHARE,
     Curved,
-    CurvesOfImage,
     CurvesOnImage,
     are_crowd,
-    network_on,
     share_that_meet,
 )
 from nets.reconstruct.fibres.shapes.waves import WavyLines, waves_of
 from nets.reconstruct.fibres.trust.stated_bench import stated_bench
+from nets.reconstruct.fibres.trust.told_bench import with_way
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
 from warp_caustics.found_bench.bench_record import is_picture_smaller
 from warp_caustics.prints.model import LineModel
@@ -124,6 +124,8 @@ class LinesOfImage:
         """Along the lines, where they explain clearly more."""
         self.curves: CurvesOnImage | None = None
         """Instead of straight lines."""
+        self.way_sigma: float | None = None
+        """Of how far light goes, relative to it, where curves told that."""
         self.moves_section = False
         self.is_left_alone = self.is_crowd = False
         """Whether corners and curves are not asked for, and whether that is so because straight lines are many."""
@@ -266,18 +268,17 @@ class LinesOfImage:
 
     def fit_curves(self, found: Reconstruction) -> bool:
         """Lines with corners and curves along the ridges of a result; whether they are taken."""
-        network = network_on(self.method, self.view, self.view is self.told)
         before = sum(self.timings.values())
         try:
-            search = CurvesOfImage(self.method, self.view, self.model, self.note, network)
-            self.curves = search(found)
+            self.curves = curves_on_their_bench(self, found)
         except KeyboardInterrupt as stop:
             self.reason = why_stopped(stop)
             return False
         self.timings["curves"] = self.log.elapsed_s - before
         if self.curves is None:
             return False
-        self.view = search.view
+        if self.way_sigma is not None:
+            self.bench = with_way(self.numbers, self.bench, self.way_sigma)
         self.counters |= {"fibres": len(self.curves.lines), "curves": self.curves.record, "explained_by": "fibres"}
         if self.method.finds_section:
             self.counters["section"] = self.model.shape._asdict()

@@ -257,7 +257,12 @@ class Fibres(Reconstructor):
 
 
 def _as_told(run: LinesOfImage) -> ToldBench | None:
-    """What lines tell of gap, base and index that are as told; None of lines that do not explain the image, or bend."""
+    """What lines tell of gap, base and index that are as told; None of lines that do not explain the image, or bend.
+
+    Of curves how far light goes on the bench that they told.
+    """
+    if run.way_sigma is not None:
+        return told_bench((0.0, run.way_sigma), run.numbers, run.bench, run.relief())
     if not (run.takes_lines and run.is_noise_left) or run.curves is not None or run.waves is not None:
         return None
     told = run.told_share

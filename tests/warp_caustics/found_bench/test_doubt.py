@@ -57,6 +57,10 @@ def test_lines_that_leave_several_times_the_noise_are_in_doubt_whatever_they_sta
         doubt = doubt_of(counters() | {"discrepancy": left, "explained_by": by}, stated_um)
         assert doubt.is_doubtful == is_doubtful and doubt.record["is_doubtful"] == is_doubtful
         assert len(doubt.warnings()) == is_doubtful
+    curves = {"discrepancy": 8.7, "explained_by": "fibres", "curves": {"lines": 11}}
+    assert not doubt_of(counters() | curves, stated_um).is_doubtful, (
+        "asked how far light goes, and right but for places"
+    )
     (told,) = doubt_of(counters() | {"discrepancy": 8.7, "explained_by": "fibres"}, stated_um).warnings()
     assert "8.7 times the noise" in told and "check gap, base and lamp" in told
 

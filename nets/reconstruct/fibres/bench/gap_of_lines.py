@@ -17,6 +17,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 
@@ -158,7 +159,17 @@ def likeliest(numbers: BenchNumbers, bench: Bench) -> Bench:
     return at
 
 
-def vertex(left: Trial, middle: Trial, right: Trial) -> tuple[float, float]:
+class OnWay(Protocol):
+    """What is left of an image, ``loss``, where (n - 1) D is larger by a ``share``."""
+
+    @property
+    def share(self) -> float: ...
+
+    @property
+    def loss(self) -> float: ...
+
+
+def vertex(left: OnWay, middle: OnWay, right: OnWay) -> tuple[float, float]:
     """Share at which the parabola through three trials is least, between the outer ones; and its second derivative."""
     to_left, to_right = middle.share - left.share, right.share - middle.share
     fall, rise = (middle.loss - left.loss) / to_left, (right.loss - middle.loss) / to_right

@@ -17,10 +17,10 @@ from nets.reconstruct.fibres.image.discrepancy import FAR_OF_NOISE
 from nets.reconstruct.fibres.image.image_fit import FINE_PHOTONS_PER_PIXEL, ImageFit
 from nets.reconstruct.fibres.image.lines_view import LinesView
 from nets.reconstruct.fibres.image.one_wavelength import OneWavelength
+from nets.reconstruct.fibres.search.line_search import Answer
 from nets.reconstruct.fibres.search.starting_lines import MANY, WELL_TOLD
 from nets.reconstruct.fibres.shapes.curves_fit import curved_heights, fitted_to_image
 from nets.reconstruct.uncertainty import DIRECT_CALIBRATION
-from warp_caustics.errors import MismatchError
 from warp_caustics.prints.chain_model import ChainModel
 from warp_caustics.prints.line_shape import Shape
 from warp_caustics.prints.model import LineModel
@@ -135,14 +135,43 @@ class CurvesOfImage:
         Raises:
             KeyboardInterrupt: the time is over.
         """
+        begun = self.begun(found)
+        return None if begun is None else self.ended(begun, found)
+
+    def said(self, found: Reconstruction) -> Answer:
+        """A result's relief at the samples of the model, and how far it may be wrong."""
         relief = self._on_grid(found.heights_m)
-        spread = torch.zeros_like(relief)
-        if found.uncertainty_m is not None:
-            spread = self._on_grid(found.uncertainty_m) / DIRECT_CALIBRATION.scale
-        before = self.few.loss(relief.to(self.model.device))
-        begun = self._begun(relief, spread)
-        if begun is None or begun[1] > IN_VAIN * before:
-            return None
+        if found.uncertainty_m is None:
+            return Answer(relief, torch.zeros_like(relief), self.most)
+        return Answer(relief, self._on_grid(found.uncertainty_m) / DIRECT_CALIBRATION.scale, self.most)
+
+    def begun(self, found: Reconstruction) -> tuple[CurvedLines, float] | None:
+        """Lines in the ridges of a relief, after a descent at few pixels, and their misfit; None where that is in vain.
+
+        Raises:
+            KeyboardInterrupt: the time is over.
+        """
+        said = self.said(found)
+        before = self.few.loss(said.relief_m.to(self.model.device))
+        begun = self._begun(said.relief_m, said.spread_m)
+        return None if begun is None or begun[1] > IN_VAIN * before else begun
+
+    def ended(
+        self,
+        begun: tuple[CurvedLines, float],
+        found: Reconstruction,
+        judged_by: tuple[Reconstruction, LinesView] | None = None,
+    ) -> CurvesOnImage | None:
+        """Lines that were begun, at all pixels and through their lens; None where they do not explain the image better.
+
+        Args:
+            begun: of :meth:`begun`.
+            found: the result in whose ridges they were looked for.
+            judged_by: what they have to explain the image better than, and the bench it is on, where that is another.
+
+        Raises:
+            KeyboardInterrupt: the time is over.
+        """
         lines, loss = begun
         for _ in range(LOOKS):
             if self._is_settled(lines):
@@ -157,10 +186,11 @@ class CurvesOfImage:
         fine = self._fit(self.view.scene, self.view.image, self.view.scene.image_pixels, self.view.camera)
         fine.correct_at(curved_heights(self.chains, lines))
         lines, _ = fitted_to_image(fine, lines, ALL_ITERATIONS, self.noise, with_section=self.moves_section)
-        told = self.view
+        before, told = judged_by or (found, self.view)
         lines = self._with_spread(lines)
         are_lines = found.fibres_m is not None
-        if not self._is_better(self._relief(lines), relief.double().numpy(), told, are_lines=are_lines):
+        relief = self._on_grid(before.heights_m).double().numpy()
+        if not self._is_better(self._relief(lines), relief, told, are_lines=are_lines):
             return None
         return CurvesOnImage(lines, curved_heights(self.chains, lines))
 
@@ -360,11 +390,3 @@ def share_that_meet(lines: torch.Tensor) -> float:
     rows = lines.double().numpy()
     tracks = [Track(row[:4].reshape(2, 2)) for row in rows]
     return len(meetings(CurvedLines(tracks, rows[:, 4:]))) / max(len(rows), 1)
-
-
-def network_on(method: FibresOf, view: LinesView, is_told: bool) -> Direct | None:
-    """The network on the bench of a view; None beyond its family."""
-    try:
-        return method.network if is_told else method.network.on_bench(view.scene)
-    except MismatchError:
-        return None

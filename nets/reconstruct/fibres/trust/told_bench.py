@@ -13,6 +13,7 @@ uncertain by the mean square from there, m^2 + s^2: by what makes up for it in c
 (:mod:`warp_caustics.found_bench.thin_relief`).
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.gap_of_lines import by_number
 from nets.reconstruct.with_bench import Told
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
+from warp_caustics.found_bench.bench_uncertainty import careful_widths
 from warp_caustics.found_bench.thin_relief import ThinRelief
 from warp_caustics.types import FloatArray
 
@@ -82,3 +84,22 @@ def told_bench(
     if told is None or not slopes:
         return None
     return ToldBench(*told, slopes, relief.linear * heights_m / relief.bending(heights_m))
+
+
+def with_way(numbers: BenchNumbers, bench: Bench, sigma: float) -> Bench:
+    """A bench that knows how well those of gap, base and index are known that were moved to send light so far.
+
+    Were the others as told, as well as a careful user knows them: sigma_k^2 = (sigma^2 + sum_j (a_j w_j)^2) / a_k^2.
+
+    Args:
+        numbers: of the bench as it is told.
+        bench: that was found.
+        sigma: standard deviation of how far light goes, relative to it.
+    """
+    far = ThinRelief.of(numbers.scene_of(bench.values)).linear
+    slopes = {p.name: by_number(numbers, bench, p) / far for p in numbers.parameters if p.name in BEND_LIGHT}
+    moved = [name for name in slopes if bench.values[name] != numbers.before[name]]
+    widths = careful_widths(numbers.scene) | dict(numbers.told_widths)
+    others = sum((slopes[name] * widths.get(name, 0.0)) ** 2 for name in slopes if name not in moved)
+    known = {name: math.sqrt(sigma**2 + others) / abs(slopes[name]) for name in moved}
+    return dataclasses.replace(bench, sigma={**bench.sigma, **known})

@@ -107,7 +107,7 @@ def test_what_was_counted_with_the_lines_is_not_counted_twice():
 def run_with(**others):
     known = {
         "takes_lines": True, "is_noise_left": True, "curves": None, "waves": None, "told_share": (0.02, 0.001),
-        "hinted": 0.0, "numbers": NUMBERS, "bench": Bench.told(NUMBERS), "relief": hill,
+        "hinted": 0.0, "way_sigma": None, "numbers": NUMBERS, "bench": Bench.told(NUMBERS), "relief": hill,
     }  # fmt: skip
     return SimpleNamespace(**known | others)
 
