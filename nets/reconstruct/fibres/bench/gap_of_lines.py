@@ -17,12 +17,12 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.bench_of_lines import BenchOfLines
+from nets.reconstruct.fibres.bench.least_of_valley import bracketed, vertex
 from nets.reconstruct.fibres.bench.line_posterior import misfit_weight
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from nets.reconstruct.fibres.image.one_wavelength import clearest_wavelength
@@ -41,8 +41,6 @@ a usual prior width of the gap, 25 um behind 3 mm of glass."""
 ASKING_ITERATIONS = 5
 """Of L-BFGS a step to either side, which tell whether to look at all: on seven plates what they leave is within 0.5 %
 of what twice as many do, but for one whose lines had not come down on the bench they were on."""
-MOST_STEPS = 5
-"""Each twice as long as the one before: 31 first steps in all, a third of D."""
 ITERATIONS = 10
 """Of L-BFGS at each D, from the lines at its neighbour: heights that followed are nearly right."""
 LEFT_OVER = 1e-4
@@ -159,27 +157,6 @@ def likeliest(numbers: BenchNumbers, bench: Bench) -> Bench:
     return at
 
 
-class OnWay(Protocol):
-    """What is left of an image, ``loss``, where (n - 1) D is larger by a ``share``."""
-
-    @property
-    def share(self) -> float: ...
-
-    @property
-    def loss(self) -> float: ...
-
-
-def vertex(left: OnWay, middle: OnWay, right: OnWay) -> tuple[float, float]:
-    """Share at which the parabola through three trials is least, between the outer ones; and its second derivative."""
-    to_left, to_right = middle.share - left.share, right.share - middle.share
-    fall, rise = (middle.loss - left.loss) / to_left, (right.loss - middle.loss) / to_right
-    curvature = 2 * (rise - fall) / (to_left + to_right)
-    if curvature <= 0:
-        return middle.share, 0.0
-    slope = (fall * to_right + rise * to_left) / (to_left + to_right)
-    return min(max(middle.share - slope / curvature, left.share), right.share), curvature
-
-
 class GapOfLines:
     """Finds the bench along the valley: on a GPU at all wavelengths, on a CPU at that which shows most.
 
@@ -259,7 +236,10 @@ class GapOfLines:
         start = search.trial(given, 0.0)
         best = min((start, *sides), key=lambda each: each.loss)
         if best is not start:
-            left, middle, right = search.bracket(start, best)
+            three = bracketed(search.trial, start, best)
+            if three is None:
+                return None
+            left, middle, right = three
         else:
             self.told = told_between(sides, start, weight)
             if not _is_aside(self.told, asked):
@@ -365,20 +345,6 @@ class _Valley:
             model.shape = near.shape
             return dataclasses.replace(near, share=share, loss=math.inf)
         return Trial(share, start.bench, found.lines, model.shape, found.loss + self.believed(start.bench))
-
-    def bracket(self, start: Trial, best: Trial) -> tuple[Trial, Trial, Trial]:
-        """Three trials by share, the middle one the least: downhill by steps that grow; the last may be on a slope."""
-        before, step = start, best.share - start.share
-        for _ in range(MOST_STEPS - 1):
-            step *= 2
-            after = self.trial(best, best.share + step)
-            if after.loss >= best.loss:
-                break
-            before, best = best, after
-        else:
-            after = dataclasses.replace(best, loss=math.inf)
-        first, last = sorted((before, after), key=lambda each: each.share)
-        return first, best, last
 
     def around(self, middle: Trial, width: float) -> tuple[Trial, Trial, Trial]:
         """Three trials a width apart, the middle one the least unless that takes too many moves."""

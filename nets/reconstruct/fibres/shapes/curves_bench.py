@@ -22,7 +22,8 @@ from nets.reconstruct.direct import Direct
 from nets.reconstruct.fibres.bench.bench_and_light import BEND_LIGHT, Bench
 from nets.reconstruct.fibres.bench.far_gap import mapped
 from nets.reconstruct.fibres.bench.gap_fits import unlikely
-from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER, along, vertex
+from nets.reconstruct.fibres.bench.gap_of_lines import FARTHER, along
+from nets.reconstruct.fibres.bench.least_of_valley import bracketed, vertex
 from nets.reconstruct.fibres.bench.line_posterior import misfit_weight
 from nets.reconstruct.fibres.fibres_of import FibresOf
 from nets.reconstruct.fibres.image.lines_view import LinesView
@@ -46,8 +47,6 @@ STEP = 0.1
 """Of (n - 1) D, to either side of the bench that curves were found on: 0.2 mm of gap behind 3 mm of glass."""
 FINE_STEP = STEP / 3
 """To either side of the least: farther away what curves leave is no parabola."""
-MOST_STEPS = 5
-"""Downhill, each twice as long as the one before: to four times the way."""
 ITERATIONS = 20, 20
 """Of L-BFGS at each bench, before each of which the lattice's own error is taken off where curves are by then."""
 MOST_MOVES = 3
@@ -132,9 +131,11 @@ class _Valley:
         here = self.trial(0.0)
         sides = [self.trial(side * STEP) for side in (-1, 1)]
         best = min(here, *sides, key=lambda each: each.loss)
-        three = (sides[0], here, sides[1]) if best is here else self.bracket(here, best)
-        found = self.vertex(three)
-        if found is None or abs(found[0]) <= significant * found[1]:
+        three: Sequence[Trial] | None = (sides[0], here, sides[1])
+        if best is not here:
+            three = bracketed(lambda _, share: self.trial(share), here, best)
+        found = None if three is None else self.vertex(three)
+        if three is None or found is None or abs(found[0]) <= significant * found[1]:
             return None
         middle = min(three[1], self.trial(found[0]), key=lambda each: each.loss)
         near = [self.trial(middle.share + side * FINE_STEP) for side in (-1, 1)]
@@ -152,20 +153,6 @@ class _Valley:
             return None
         least, curvature = vertex(left, middle, right)
         return (least, math.sqrt(self.weight / curvature)) if curvature > 0 else None
-
-    def bracket(self, start: Trial, best: Trial) -> tuple[Trial, Trial, Trial]:
-        """Three trials by share, the middle one the least: downhill by steps that grow; the last may be on a slope."""
-        before, step = start, best.share - start.share
-        for _ in range(MOST_STEPS - 1):
-            step *= 2
-            after = self.trial(best.share + step)
-            if after.loss >= best.loss:
-                break
-            before, best = best, after
-        else:
-            after = dataclasses.replace(best, loss=math.inf)
-        first, last = sorted((before, after), key=lambda each: each.share)
-        return first, best, last
 
     def trial(self, share: float) -> Trial:
         """Curves begun anew on a bench; where there is none with an infinite loss."""
@@ -210,9 +197,10 @@ def curves_on_their_bench(run: Run, found: Reconstruction) -> CurvesOnImage | No
         network = network_on(run.method, run.view, run.view is run.told)
         search = CurvesOfImage(run.method, run.view, run.model, run.note, network)
         begun = search.begun(there)
-        is_asked = begun is not None and not run.method.takes_bench_as_told and moves < MOST_MOVES
-        told = way_told(run, begun[0], search.said(there), significant) if begun is not None and is_asked else None
-        if begun is None or told is None:
+        if begun is None or run.method.takes_bench_as_told or moves == MOST_MOVES:
+            break
+        told = way_told(run, begun[0], search.said(there), significant)
+        if told is None:
             break
         scenes = (run.numbers.scene_of(each.values) for each in (run.bench, told.bench))
         there, run.bench, sigma = as_shown(there, *scenes), told.bench, told.sigma

@@ -1,6 +1,7 @@
 """How far light goes, told by lines that explain the image on the told bench nearly as well; on a small scene."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -18,8 +19,8 @@ from nets.reconstruct.fibres.bench.gap_of_lines import (
     likeliest,
     on_other_bench,
     told_between,
-    vertex,
 )
+from nets.reconstruct.fibres.bench.least_of_valley import MOST_STEPS, bracketed, vertex
 from nets.reconstruct.fibres.image.image_fit import ImageFit
 from tests.nets.reconstruct.exact_light import light_of
 from warp_caustics.found_bench.bench_numbers import BenchNumbers
@@ -222,3 +223,20 @@ def test_what_three_trials_tell():
     assert told == (pytest.approx(0.1), pytest.approx(0.1))
     assert told_between((at(-0.5, np.inf), at(0.5)), at(0.0), 0.06) is None
     assert told_between((at(-0.5), at(0.5)), at(0.0, 9.0), 0.06) is None
+
+
+@pytest.mark.parametrize("least", [0.3, -0.3, 40.0])
+def test_steps_that_grow_go_downhill(least):
+    """To either side; None where the least is farther than they go."""
+
+    def at(share):
+        return Trial(share, Bench({}, np.zeros(0)), LINES, Shape(1.0), abs(share - least))
+
+    step = math.copysign(0.1, least)
+    three = bracketed(lambda near, share: at(share), at(0.0), at(step))
+    if abs(least) > abs(step) * (2**MOST_STEPS - 1):
+        assert three is None
+        return
+    left, middle, right = three
+    assert left.share < least < right.share and middle.loss == min(each.loss for each in three)
+    assert sorted(abs(each.share) for each in three) == pytest.approx([0.1, 0.3, 0.7])
