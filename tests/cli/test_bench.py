@@ -75,7 +75,10 @@ def run(output, *options, methods="direct"):
 @pytest.fixture
 def images(made, tmp_path):
     """A folder of results whose images are there already."""
-    out = tmp_path / "out"
+    return with_images(made, tmp_path / "out")
+
+
+def with_images(made, out):
     out.mkdir()
     shutil.copytree(made / "images", out / "images")
     shutil.copy(made / MARKER, out / MARKER)
@@ -226,8 +229,9 @@ def test_an_unknown_suite_and_a_foreign_folder(lab, tmp_path, capsys):
     assert "holds other files (own.txt)" in capsys.readouterr().err
 
 
-def test_plates_of_another_seed(tmp_path, lab, capsys):
-    assert run(tmp_path / "own") == 0 and run(tmp_path / "other", "--seed", "7") == 0
+def test_plates_of_another_seed(made, tmp_path, lab, capsys):
+    own = with_images(made, tmp_path / "own")
+    assert run(own) == 0 and run(tmp_path / "other", "--seed", "7") == 0
     own, other = (json.loads((tmp_path / name / "table.json").read_text()) for name in ("own", "other"))
     assert (own["about"]["seed"], other["about"]["seed"], other["about"]["jobs"]) == (None, 7, 1)
     assert own["rows"][0]["flat_um"] != other["rows"][0]["flat_um"]
@@ -239,9 +243,9 @@ def test_plates_of_another_seed(tmp_path, lab, capsys):
     assert "seed -1 is not between 0 and 2^62" in capsys.readouterr().err
 
 
-def test_several_processes_find_the_same(tmp_path, capsys):
+def test_several_processes_find_the_same(made, tmp_path, capsys):
     """And what they computed is kept: the same command computes nothing anew."""
-    assert run(tmp_path / "one", methods="flat") == 0
+    assert run(with_images(made, tmp_path / "one"), methods="flat") == 0
     assert run(tmp_path / "two", "--jobs", "2", methods="flat") == 0
     assert "2 jobs share this machine" in capsys.readouterr().err
     one, two = (json.loads((tmp_path / name / "table.json").read_text())["rows"] for name in ("one", "two"))
@@ -252,9 +256,11 @@ def test_several_processes_find_the_same(tmp_path, capsys):
     assert "0 jobs; give 1 to 64" in capsys.readouterr().err
 
 
-def test_cells_keep_what_a_result_states(tmp_path, lab):
-    assert run(tmp_path / "out") == 0
-    for path in (tmp_path / "out" / "cells").glob("*.npz"):
+def test_cells_keep_what_a_result_states(images, lab):
+    assert run(images) == 0
+    cells = sorted((images / "cells").glob("*.npz"))
+    assert len(cells) == 2
+    for path in cells:
         with np.load(path) as file:
             assert set(file) == {"heights_m", "uncertainty_m"} and np.all(file["uncertainty_m"] == np.float32(1e-4))
         counters = json.loads(path.with_suffix(".json").read_text())["counters"]

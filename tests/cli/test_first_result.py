@@ -25,8 +25,9 @@ def first_result(tmp_path_factory):
         "print(json.dumps({'modules': sorted(sys.modules), 'left': gc.get_freeze_count()})); sys.exit(code)"
     )
     output = tmp_path_factory.mktemp("first") / "out"
-    arguments = ["reconstruct", EXAMPLES / "data" / "capture.tif", "-o", output, "--config", EXAMPLES / "demo.yaml"]
-    arguments += ["--method", "direct", "--max-iterations", "2", "--device", "cpu"]
+    data = EXAMPLES / "data"
+    arguments = ["reconstruct", data / "capture.tif", "--dark", data / "dark.tif", "--flat", data / "flat.tif"]
+    arguments += ["-o", output, "--config", EXAMPLES / "demo.yaml", "--method", "direct", "--device", "cpu"]
     run = subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "overview.png" in os.listdir(output)
