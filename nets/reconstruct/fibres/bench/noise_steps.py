@@ -17,11 +17,13 @@ image as others; those on two times as many tell how much they are off by, and t
 Cost: two pictures for each number of lines, section and bench, up to eight times. What is left bends along a valley
 where its derivatives hardly change, so steps go on by the same ones and a new picture each (the chord method; Kelley,
 Iterative Methods for Linear and Nonlinear Equations, section 5.4). A GPU takes 0.5 to 5 s for the derivatives of 5 to
-28 lines; two cores half a minute for five, of which they trace no light but that a line's change touches.
+28 lines; two cores half a minute for five, of which they trace no light but that a line's change touches, once for the
+bench (:mod:`~nets.reconstruct.fibres.bench.noise_bench`).
 """
 
 import dataclasses
 from collections.abc import Iterator
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -33,6 +35,7 @@ from nets.reconstruct.fibres.bench.bench_of_lines import FIELD_WIDTH
 from nets.reconstruct.fibres.bench.bounded_least import BoundedLeast
 from nets.reconstruct.fibres.bench.gap_fits import pulled_aside
 from nets.reconstruct.fibres.bench.line_posterior import CORRELATED_PX, SHAPE_WIDTHS
+from nets.reconstruct.fibres.bench.noise_bench import ByBench
 from nets.reconstruct.fibres.bench.noise_effort import EFFORTS
 from nets.reconstruct.fibres.bench.noise_misfit import NoiseMisfit
 from nets.reconstruct.fibres.bench.noise_place import Nearer, Place, Ways
@@ -41,16 +44,13 @@ from nets.reconstruct.fibres.bench.run_state import LinesRun
 from nets.reconstruct.fibres.image.descent_numbers import DescentNumbers
 from nets.reconstruct.fibres.image.image_fit import DIFFERENCE_M, FINE_PHOTONS_PER_PIXEL
 from nets.reconstruct.fibres.image.lines_view import LinesView
-from warp_caustics.calibration.view_model import difference_ends
 from warp_caustics.errors import InputError
-from warp_caustics.found_bench.bench_model import STEP
 from warp_caustics.found_bench.bench_numbers import AMBIENT, VERGENCE
 from warp_caustics.prints.model import HEIGHT, WIDTH
-from warp_caustics.reconstruct.pyramid import in_units_of_radiosity, simulator_at
+from warp_caustics.reconstruct.pyramid import simulator_at
 from warp_caustics.reconstruct.seen_camera.channel_camera import ChannelCamera
 from warp_caustics.reconstruct.seen_camera.exact_picture import ExactPicture
 from warp_caustics.reconstruct.seen_camera.point_spread import fine_pixels
-from warp_caustics.setup.optical import optical_steps
 from warp_caustics.types import FloatArray
 
 CONVERGED = 1.0
@@ -68,10 +68,10 @@ NOTED = 6
 """Numbers between two times that people are told."""
 MOST_COMPARED_PIXELS = 8192
 """Fine pixels along an image of pictures that are compared with it; but at least twice as many as usual."""
-LINE_STEP_M, BENCH_STEP = 3 * DIFFERENCE_M, 6 * STEP
-"""Differences by which derivatives are taken, of heights and of a bench's numbers. Light that moves by less than a fine
-pixel changes what these fold back: beside sixteen lines by a gap 15 % of the derivative, by the height of a line 6 to
-13. Of differences several times as large that is 5 and 3 to 9 %, and what is left to third order is 2 to 7."""
+LINE_STEP_M = 3 * DIFFERENCE_M
+"""Differences of heights by which derivatives are taken. Light that moves by less than a fine pixel changes what these
+fold back: beside sixteen lines by the height of a line 6 to 13 % of the derivative. Of differences several times as
+large that is 3 to 9 %."""
 SURE = 5.0
 """Times 2 |W e / s| that steps must gain: a lamp's disc and channels that mix are simulated wrong, too. Of nine own
 plates seven that asked for 7 to 100 times it came nearer, two that asked for 5 and 9 did not."""
@@ -142,6 +142,8 @@ class NoiseSteps:
         self.told = Told()
         self.information: FloatArray | None = None
         self._lost: torch.Tensor | None = None
+        self._by_bench = ByBench(self.effort.renews_bench)
+        self._begun: tuple[Place, torch.Tensor] | None = None
 
     @property
     def is_within_reach(self) -> bool:
@@ -150,11 +152,9 @@ class NoiseSteps:
 
     def __call__(self) -> Place:
         """Where lines, bench, light and lens leave less, or as they are; the model keeps its section."""
-        run, shape = self.run, self.model.shape
-        here = Place(run.lines, shape, run.bench, run.view.camera)
+        shape = self.model.shape
+        here, picture = self._begin()
         try:
-            self._follow(here)
-            picture = self._at(here)
             for count in range(self.effort.rounds):
                 if count < NOISE_ROUNDS:
                     here, picture = self._with_lens(here, picture)
@@ -177,12 +177,18 @@ class NoiseSteps:
 
         In two pictures for each number of the bench, and four for the lines, however many there are.
         """
-        here = Place(self.run.lines, self.model.shape, self.run.bench, self.run.view.camera)
-        self._follow(here)
-        picture = self._at(here)
+        here, picture = self._begin()
         self._ask_noise(picture, here.bench)
         alike = self._asked(self._linear_alike(here, picture))
         return alike > HINTED * self._least(here, picture)
+
+    def _begin(self) -> tuple[Place, torch.Tensor]:
+        """The run's own place, and what it shows; kept for the second question."""
+        if self._begun is None:
+            here = Place(self.run.lines, self.model.shape, self.run.bench, self.run.view.camera)
+            self._follow(here)
+            self._begun = here, self._at(here)
+        return self._begun
 
     def shown(
         self, heights: torch.Tensor, bench: Bench, camera: ChannelCamera, finer: int = 1, *, follows_light: bool = True
@@ -353,17 +359,9 @@ class NoiseSteps:
             for change, step in zip(exact.change(low, high), steps, strict=True):
                 yield change.double() * lit.factor / step
         light = torch.tensor(bench.light(self._pixels), device=self.device)
-        steps = optical_steps(in_units_of_radiosity(self.numbers.scene_of(bench.values), self._pixels))
-        for parameter in self.numbers.parameters:
-            at = bench.values[parameter.name]
-            if parameter.name == AMBIENT:
-                yield parameter.prior * (light - picture) / (1 + at)
-                continue
-            between = difference_ends(parameter, at, BENCH_STEP * steps[parameter.name])
-            values = ({**bench.values, parameter.name: end} for end in between)
-            others = (dataclasses.replace(bench, values=each) for each in values)
-            low, high = (self.shown(heights, b, camera, follows_light=follows) for b in others)
-            yield parameter.prior * (high - low) / (between[1] - between[0])
+        by_stray_light = (light - picture) / (1 + bench.values[AMBIENT]) if AMBIENT in self.numbers.names else None
+        shown = partial(self.shown, heights, camera=camera, follows_light=follows)
+        yield from self._by_bench(self.numbers, bench, self._pixels, shown, by_stray_light)
         for mode in self._field:
             yield FIELD_WIDTH * mode * picture / light
         yield from self._by_lens(here, heights.float(), lit.factor)

@@ -1,7 +1,6 @@
 """Steps of lines and bench that nothing but an image's noise holds."""
 
 import dataclasses
-import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import torch
 
 from nets.reconstruct.fibres import lines_of_image
-from nets.reconstruct.fibres.bench import lens_numbers, noise_steps
+from nets.reconstruct.fibres.bench import lens_numbers, noise_bench, noise_steps
 from nets.reconstruct.fibres.bench.bench_and_light import ShownLight
 from nets.reconstruct.fibres.bench.gap_fits import is_open
 from nets.reconstruct.fibres.bench.gap_of_lines import on_other_bench
@@ -270,8 +269,8 @@ def test_large_differences_fold_back_less(model, monkeypatch, name, share):
     place = Place(run.lines, model.shape, run.bench, behind_lens(run.view.camera))
     steps, heights = NoiseSteps(run), model.heights(run.lines)
     folded = []
-    for differences in (noise_steps.BENCH_STEP, STEP):
-        monkeypatch.setattr(noise_steps, "BENCH_STEP", differences)
+    for differences in (noise_bench.BENCH_STEP, STEP):
+        monkeypatch.setattr(noise_bench, "BENCH_STEP", differences)
         usual, fine = (by_number(steps, place, heights, name, finer) for finer in (1, 4))
         folded.append(float((usual - fine).norm() / fine.norm()))
     assert 0 < folded[0] < share * folded[1]
@@ -279,11 +278,11 @@ def test_large_differences_fold_back_less(model, monkeypatch, name, share):
 
 def by_number(steps, place, heights, name, finer):
     """Derivative of what is shown by a number of the bench, on so many times as many fine pixels."""
-    fine = SimpleNamespace(**vars(steps))
+    fine = SimpleNamespace(**{**vars(steps), "numbers": NUMBERS.only([name])})
     fine.shown = lambda heights, bench, camera, **_: steps.shown(heights, bench, camera, finer)
     fine._picture = lambda bench, camera, **_: steps._picture(bench, camera, finer)
-    rows = NoiseSteps._by_all(fine, place, heights, heights.new_zeros(0, *heights.shape), steps._at(place))
-    return next(itertools.islice(rows, NUMBERS.names.index(name), None))
+    # Only derivatives by stray light and the like need what is shown there.
+    return next(NoiseSteps._by_all(fine, place, heights, heights.new_zeros(0, *heights.shape), picture=None))
 
 
 def test_a_lens_is_moved_as_derivatives_say(model):
