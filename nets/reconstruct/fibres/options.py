@@ -40,8 +40,8 @@ class FibresOptions(DirectOptions):
     where that takes seconds; a CPU takes half a minute each time."""
     last_steps: bool = True
     """Whether lines that leave nothing but noise, and their bench, go where that noise tells clearly more of them.
-    A GPU takes seconds; two cores three minutes for five lines, more for many, where these nearly tell
-    another bench or hint at one (:data:`nets.reconstruct.fibres.bench.noise_effort.EFFORTS`)."""
+    A GPU takes seconds; one core three minutes for two lines, up to seven for fifteen, where these nearly tell another
+    bench or hint at one (:data:`nets.reconstruct.fibres.bench.noise_effort.EFFORTS`)."""
     waves: bool = True
     """Whether lines may vary along their way, thicker and thinner and aside of straight, where straight ones leave more
     than noise."""
