@@ -22,6 +22,7 @@ from warp_caustics.simulator import CausticSimulator
 OPTIONS = {
     "auto": {"max_iterations": 4},
     "direct": {"refine_iterations": 4},
+    # To look for a bench takes three times as long as all else: one test here does.
     "fibres": {"refine_iterations": 3, "max_iterations": 3, "jumps": 1, "set_up": "known"},
     "nsfc": {"max_iterations": 3, "n_photons": 4000},
     "nsfc-unrolled": {"max_iterations": 3, "refine_iterations": 3},

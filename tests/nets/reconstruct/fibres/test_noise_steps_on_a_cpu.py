@@ -13,9 +13,11 @@ from nets.reconstruct.fibres.bench.noise_steps import NoiseSteps
 from tests.nets.reconstruct.fibres.test_bench_fits import NUMBERS, bench_with
 from tests.nets.reconstruct.fibres.test_noise_steps import FARTHER, left_as_told, way_of_light
 from tests.nets.reconstruct.fibres.three_lines import LINES, SCENE, error_um
+from warp_caustics.found_bench.bench_numbers import AMBIENT
 from warp_caustics.prints.model import LineModel
 
-OF_CPU = noise_steps.EFFORTS["cpu"]
+EFFORTS = dict(noise_steps.EFFORTS)
+OF_CPU = EFFORTS["cpu"]
 
 
 @pytest.fixture
@@ -41,6 +43,20 @@ def test_a_cpu_finds_a_bench_that_was_left_as_told(model, monkeypatch):
     assert way_of_light(run.bench) / way_of_light(true) == pytest.approx(1, abs=3e-3)
     assert len(kept) <= OF_CPU.rounds
     assert max(shown) == OF_CPU.finer
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_a_cpu_takes_derivatives_by_the_bench_once(model, monkeypatch, device):
+    """Those of the look for hints serve for steps; a GPU takes them anew."""
+    monkeypatch.setitem(noise_steps.EFFORTS, "cpu", OF_CPU._replace(renews_bench=EFFORTS[device].renews_bench))
+    steps = NoiseSteps(left_as_told(model, bench_with(**FARTHER)))
+    here, picture = steps._begin()
+    steps.is_hinted()
+    shown, plain = [], NoiseSteps.shown
+    monkeypatch.setattr(NoiseSteps, "shown", lambda *about, **how: shown.append(about) or plain(*about, **how))
+    steps._slopes(here, picture)
+    by_pictures = set(NUMBERS.names) - {AMBIENT}
+    assert len(shown) == (0 if device == "cpu" else 2 * len(by_pictures))
 
 
 def test_a_cpu_leaves_large_images_as_they_are(model, monkeypatch):
